@@ -22,7 +22,13 @@ SEVERITIES = ("error", "warning", "info")  # of findings, the gravest first
 
 
 class RpctlError(Exception):
-    """Base of every error that rpctl raises on purpose; it comes whole from another process."""
+    """Base class of all errors that rpctl raises on purpose.
+
+    Its message names the fault, its place and a remedy. It can be pickled, with its attributes.
+
+    Attributes:
+        exit_code: Exit code of the command line for this error.
+    """
 
     exit_code = 2
 

@@ -1,16 +1,59 @@
-"""Libraries that take long to import, imported where they are needed, and whole or lean."""
+"""Libraries that are imported only where they are needed, and how to install missing ones."""
 
 from __future__ import annotations
 
+import re
 import sys
 import threading
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
-from importlib import import_module
-from typing import Any
+from importlib import import_module, metadata
+from typing import Any, NamedTuple
 
 from rpctl.files.signals import held_signals
+
+REQUIREMENT = re.compile(r"([\w.-]+)(?:\[[^\]]*\])?([^;]*)(?:;(.*))?")
+EXTRA = re.compile(r"extra == ['\"](\w+)")
+
+
+class Requirement(NamedTuple):
+    """A package that rpctl needs, as rpctl's installed metadata names it.
+
+    Attributes:
+        name: Name of the package.
+        versions: The versions that rpctl was tested with, ``<2,>=1.12``.
+        marker: The condition under which it is needed, ``python_version < '3.11'``, or empty.
+        extra: The extra that needs it; empty if rpctl itself does.
+    """
+
+    name: str
+    versions: str
+    marker: str
+    extra: str
+
+
+def requirements() -> Iterator[Requirement]:
+    """Yield what the installed rpctl needs; nothing if rpctl runs without being installed."""
+    with suppress(metadata.PackageNotFoundError):
+        for text in metadata.requires("rpctl") or ():
+            if match := REQUIREMENT.match(text):
+                name, versions, marker = match[1], match[2].strip(), match[3] or ""
+                extra = EXTRA.search(marker)
+                yield Requirement(name, versions, marker, extra[1] if extra else "")
+
+
+def install_command(wanted: str) -> str:
+    """Return the command that installs the packages of an extra, or one that rpctl always needs.
+
+    The command names these packages and not rpctl: pip does not find ``rpctl[EXTRA]`` if rpctl
+    comes from a checkout or from a wheel.
+
+    Args:
+        wanted: The extra, or the package.
+    """
+    packages = [f"'{r.name}{r.versions}'" for r in requirements() if wanted == (r.extra or r.name)]
+    return " ".join(["pip install", *packages]) if packages else f"pip install '.[{wanted}]'"
 
 
 def library(name: str) -> Any:

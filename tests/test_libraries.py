@@ -5,16 +5,17 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
+from importlib import metadata
 from pathlib import Path
 
 import pytest
 
-from rpctl.libraries import lean_library
+from rpctl.libraries import install_command, lean_library
 
 READ_A_FILE = """
 import io, sys
 from rpctl.equivalence.file_drive import UNUSED, YOURDFPY
-from rpctl.libraries import lean_library
+from rpctl.libraries import install_command, lean_library
 yourdfpy = lean_library("yourdfpy", YOURDFPY, UNUSED)
 text = b'<robot name="r"><link name="a"/></robot>'
 robot = yourdfpy.URDF.load(io.BytesIO(text), build_scene_graph=False, load_meshes=False).robot
@@ -74,3 +75,32 @@ def test_another_thread_finds_what_this_one_does_not() -> None:
         thread.start()
         thread.join()
     assert found == ["colorsys"]
+
+
+def test_a_command_installs_an_extra_s_packages_without_rpctl(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """From a checkout as from a wheel: no package index has rpctl."""
+    needed = [
+        "casadi<4,>=3.6",
+        "sympy<2,>=1.12; extra == 'derive'",
+        "mujoco<5,>=3.14; (python_version >= '3.11') and extra == 'mujoco'",
+        "av<19,>=13; extra == 'film'",
+        "playwright<2,>=1.45; extra == 'film'",
+        "sympy<2,>=1.12; extra == 'dev'",
+    ]
+    monkeypatch.setattr(metadata, "requires", lambda name: needed)
+    assert install_command("derive") == "pip install 'sympy<2,>=1.12'"
+    assert install_command("mujoco") == "pip install 'mujoco<5,>=3.14'"
+    assert install_command("film") == "pip install 'av<19,>=13' 'playwright<2,>=1.45'"
+    assert install_command("casadi") == "pip install 'casadi<4,>=3.6'"
+
+
+def test_without_an_installed_rpctl_the_command_is_for_its_checkout(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def requires(name: str) -> list[str]:
+        raise metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(metadata, "requires", requires)
+    assert install_command("derive") == "pip install '.[derive]'"

@@ -15,10 +15,9 @@ from rpctl import __version__
 from rpctl.cli.options import JsonOption, tell
 from rpctl.cli.terminal import console, escape, new_table
 from rpctl.kernels.cache import MOST_BYTES, cache_folder
+from rpctl.libraries import install_command, requirements
 from rpctl.view.film import BROWSER_NAMES
 
-REQUIREMENT = re.compile(r"([\w.-]+)(?:\[[^\]]*\])?([^;]*)(?:;(.*))?")
-EXTRA = re.compile(r"extra == ['\"](\w+)")
 FOR_DEVELOPERS = {"dev", "test", "docs"}
 MB = 2**20
 
@@ -33,13 +32,10 @@ def diagnosis() -> dict[str, Any]:
     """Return what is installed, as JSON says it; versions are None of what is not."""
     core: dict[str, str | None] = {}
     extras: dict[str, dict[str, str | None]] = {}
-    for text in metadata.requires("rpctl") or ():
-        match = REQUIREMENT.match(text)
-        name, _, condition = match.groups() if match else ("", "", "")
-        extra = EXTRA.search(condition or "")
-        if name == "rpctl" or (extra and extra[1] in FOR_DEVELOPERS) or not _applies(condition):
+    for name, _, marker, extra in requirements():
+        if name == "rpctl" or extra in FOR_DEVELOPERS or not _applies(marker):
             continue
-        group = extras.setdefault(extra[1], {}) if extra else core
+        group = extras.setdefault(extra, {}) if extra else core
         group[name] = _version(name)
     folder = cache_folder() / "code"
     kept = [file.stat().st_size for file in folder.glob("*.code")] if folder.is_dir() else []
@@ -57,9 +53,9 @@ def diagnosis() -> dict[str, Any]:
     }
 
 
-def _applies(condition: str | None) -> bool:
-    """Return whether a requirement is one on this Python, of those that name a version."""
-    older = re.search(r"python_version < ['\"]3\.(\d+)", condition or "")
+def _applies(marker: str) -> bool:
+    """Return whether a package is needed on this Python; only ``python_version <`` counts."""
+    older = re.search(r"python_version < ['\"]3\.(\d+)", marker)
     return older is None or sys.version_info < (3, int(older[1]))
 
 
@@ -82,8 +78,9 @@ def _show(found: Mapping[str, Any]) -> None:
         have = [f"{name} {version}" for name, version in parts.items() if version]
         lacks = [name for name, version in parts.items() if version is None]
         told = ", ".join([*have, *(f"[yellow]no {name}[/]" for name in lacks)])
-        advice = f"  [dim]pip install 'rpctl\\[{group}]'[/]" if lacks and group != "core" else ""
+        command = f"\n[dim]{escape(install_command(group))}[/]"
+        advice = command if lacks and group != "core" else ""
         table.add_row(group, told + advice)
     out.print(table)
     for name in found["missing"]:
-        out.print(f"[bold red]missing[/] {name}: pip install --force-reinstall rpctl")
+        out.print(f"[bold red]missing[/] {name}: {escape(install_command(name))}")

@@ -19,6 +19,7 @@ from rpctl.engines.engine import ENGINES, Engine, installed_engines
 from rpctl.engines.referee import DURATION_S, EngineVerdict, Referee
 from rpctl.errors import RpctlError
 from rpctl.files.writing import require_writable
+from rpctl.libraries import install_command
 from rpctl.robot.catalog import ENTRIES
 from rpctl.study.executor import Executor, LostChunksError, ProcessExecutor
 
@@ -83,7 +84,7 @@ def referee_command(
     for sentence in missing:
         say(f"left out: {sentence}", err=True)
     if not found:
-        raise RpctlError("no engine is installed to compare with; run pip install 'rpctl[mujoco]'")
+        raise RpctlError(f"no engine to compare with is installed; run {install_command('mujoco')}")
     motion = settings.friction, settings.duration
     if len(names) == 1:
         verdicts = _judge(names[0], options, found, motion, settings.html)

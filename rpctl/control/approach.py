@@ -166,20 +166,20 @@ def _driven(pose: Array, sense: float) -> Array:
 
 @dataclass(frozen=True)
 class Approach(Record):
-    """A stage of its own for large errors of a base that has a tightest bend.
+    """Settings of the approach: what a base with a smallest turning radius does about large errors.
 
-    From far off, a law's feedback asks such a base for turns that its steering does not have, and
-    it drives to and fro, or round beside its reference. Where the error exceeds the bounds below,
-    the law is given another reference instead: from the robot's own pose and speed along a path
-    that the base can steer, up to where the reference itself will be, with the speed and the
-    curvature that the reference will have there. That path is a reference like any other, with its
-    exact derivatives, so every law tracks it with small errors. Once it joins, the law is given its
-    reference again.
+    If the error is large, the feedback of a law asks such a base for turns that its steering cannot
+    make, and the base drives back and forth or circles beside its reference. If the error exceeds
+    the bounds below, an approach path replaces the reference: it leads from the robot's pose and
+    speed, with curvatures that the base can steer, to a point where the reference will be, and
+    arrives with the speed and the curvature that the reference will have there. The path is a
+    reference with exact derivatives, so every law tracks it with small errors. Where it ends, the
+    law gets its own reference again.
 
-    A base whose wheels all steer has the stage, too: from a spin about a far place its steering
-    leads home only slowly, because it must keep clear of singular angles. It drives there first.
+    A base whose wheels all steer also uses the approach: in a spin about a distant point its
+    steering reduces the error only slowly, because it must avoid singular angles.
 
-    A base that turns on the spot without steering needs no such stage.
+    A base that turns on the spot without steering needs no approach.
     """
 
     distance: Annotated[
@@ -197,20 +197,20 @@ class Approach(Record):
     ] = 2.0
 
     def start(self, dynamics: ReducedDynamics, law: TrackingController) -> TrackingController:
-        """Return a law with this stage before it; the law itself for a base that needs none.
+        """Return a controller that adds the approach to another; that one if the base needs none.
 
         Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
-            law: What tracks the references.
+            dynamics: The dynamics of the controller's model.
+            law: The controller that tracks the references.
         """
         stage = self.stage(dynamics)
         return law if stage is None else ApproachingLaw(stage, law)
 
     def stage(self, dynamics: ReducedDynamics) -> ApproachStage | None:
-        """Return the stage of one run; None for a base that needs none.
+        """Return the approach of one run; None for a base that needs none.
 
         Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
+            dynamics: The dynamics of the controller's model.
         """
         drive, joints = dynamics.robot.drive, dynamics.robot.description.joint
         find = turning_radius if drive.has_axle else heading_radius

@@ -19,22 +19,22 @@ class Kanayama(BaseLaw):
         v_d = v_r cos x3 + Kx x1
         ω_d = ω_r + v_r (Ky x2 + Kθ sin x3)
 
-    The paper drives forward, where V = ½ (x1² + x2²) + (1 − cos x3)/Ky falls by
-    V̇ = −Kx x1² − v_r Kθ sin² x3/Ky. A reverse drive is the same seen from the robot's other end:
-    Kθ then takes |v_r|. Where v_r = 0 a spin turns beside its reference: the heading error stays.
+    The paper assumes forward motion, where V = ½ (x1² + x2²) + (1 − cos x3)/Ky decreases:
+    V̇ = −Kx x1² − v_r Kθ sin² x3/Ky. In reverse Kθ multiplies |v_r|, which is the same law seen from
+    the robot's other end. In a spin v_r = 0, and the heading error remains.
 
-    Near a line x2 and x3 have natural frequency √Ky |v_r| and damping Kθ/(2 √Ky); the gains here
-    damp critically, as the paper's.
+    On a line x2 and x3 have the natural frequency √Ky |v_r| and the damping ratio Kθ/(2 √Ky); the
+    default gains, as the paper's, give critical damping.
     """
 
-    kx: Annotated[float, POSITIVE, Setting("1/s", "", "Kx.")] = 1.5
-    ky: Annotated[float, POSITIVE, Setting("1/m²", "", "Ky.")] = 16.0
-    ktheta: Annotated[float, POSITIVE, Setting("1/m", "", "Kθ.")] = 8.0
+    kx: Annotated[float, POSITIVE, Setting("1/s", "", "Gain Kx of the longitudinal error.")] = 1.5
+    ky: Annotated[float, POSITIVE, Setting("1/m²", "", "Gain Ky of the lateral error.")] = 16.0
+    ktheta: Annotated[float, POSITIVE, Setting("1/m", "", "Gain Kθ of the heading error.")] = 8.0
     leash: Leash | None = field(default_factory=Leash)
     approach: Approach | None = field(default_factory=Approach)
 
     def unicycle(self, at: Tracking) -> tuple[Any, Any]:
-        """Return the speed and the turning rate to ask of a base that cannot move sideways."""
+        """Return the desired speed (m/s) of P and turning rate (rad/s), two scalars."""
         (v_r, _, omega_r), (x1, x2, x3) = at.twist, at.e
         gain = at.sheet.named("K", self.ky * x2 + math.sign(v_r) * self.ktheta * math.sin(x3))
         v_d = at.sheet.named("v_d", v_r * math.cos(x3) + self.kx * x1)
@@ -48,9 +48,9 @@ class Samson(BaseLaw):
         v_d = v_r cos x3 + k x1
         ω_d = ω_r + b v_r x2 sin x3/x3 + k x3,    k = 2 ζ √(ω_r² + b v_r²)
 
-    V = ½ b (x1² + x2²) + ½ x3² falls by V̇ = −b k x1² − k x3². Near a steady reference the errors
-    have natural frequency √(ω_r² + b v_r²) and damping ζ, and the third pole is real. Where the
-    reference stands still the gains vanish, and the error stays.
+    V = ½ b (x1² + x2²) + ½ x3² decreases: V̇ = −b k x1² − k x3². Near a steady reference the errors
+    have the natural frequency √(ω_r² + b v_r²) and the damping ratio ζ, and the third pole is real.
+    If the reference stands still, the gains vanish and the error remains.
     """
 
     b: Annotated[float, POSITIVE, Setting("1/m²", "Weight of the position error")] = 16.0
@@ -59,7 +59,7 @@ class Samson(BaseLaw):
     approach: Approach | None = field(default_factory=Approach)
 
     def unicycle(self, at: Tracking) -> tuple[Any, Any]:
-        """Return the speed and the turning rate to ask of a base that cannot move sideways."""
+        """Return the desired speed (m/s) of P and turning rate (rad/s), two scalars."""
         sheet, (v_r, _, omega_r), (x1, x2, x3) = at.sheet, at.twist, at.e
         square = sheet.named("a_square", omega_r**2 + self.b * v_r**2)
         root = math.sqrt(math.if_else(square > 0.0, square, 1.0))  # whose rate is finite at rest
@@ -80,19 +80,18 @@ class FeedbackLinearization(BaseLaw):
 
         v̇_d = u₁,    ω_d = u₂/v
 
-    gives v̇ = u₁ and v ω = u₂, which is P's acceleration, and so z̈ + kd ż + kp z = 0. The paper
-    integrates v̇_d in a compensator whose state ξ is the speed it asks for. Here the robot's own
-    speed is that state: v_d = v, so that the dynamic law has v̇_d alone to follow and does so
-    exactly. The law remembers nothing.
+    gives v̇ = u₁ and v ω = u₂, the components of P's acceleration, and thus z̈ + kd ż + kp z = 0. The
+    paper integrates v̇_d in a compensator whose state ξ is the desired speed. Here the robot's speed
+    is that state, v_d = v, so that the dynamic law follows v̇_d exactly and the law has no memory.
 
-    At v = 0 the law is singular: P cannot be accelerated sideways. The paper asks for references
-    whose speed never vanishes, and for initial errors that keep the robot's from vanishing. Ours
-    start from rest, so below v₀ 1/v is v/v₀²: there the robot turns less than it should. A spin
-    says nothing about where to head for, and is refused. Heading is no output: where u points
-    backwards for long enough the robot turns round and follows in reverse.
+    At v = 0 the law is singular: P cannot accelerate sideways. The paper requires references whose
+    speed never vanishes, and small initial errors. References here start from rest, so below v₀ the
+    law uses v/v₀² instead of 1/v, and the robot turns less. The law refuses a spin, which has no
+    direction of motion. The heading is not an output: if u points backward for long enough, the
+    robot turns round and follows in reverse.
 
-    ω̇_d contains v̈_r sin x3/v. A reference does not give v̈_r: it is taken from the direction, which
-    is exact while the pace is steady; what a soft start adds is left out.
+    ω̇_d contains v̈_r sin x3/v. A reference does not contain v̈_r: it follows from the reference's
+    direction, which is exact at a constant pace; the contribution of a soft start is neglected.
     """
 
     kp: Annotated[float, POSITIVE, Setting("1/s²", "", "Gain of the position error.")] = 1.0
@@ -109,14 +108,14 @@ class FeedbackLinearization(BaseLaw):
     )
 
     def refuses(self, at: Tracking) -> Any:
-        """Return whether the reference turns on the spot."""
+        """Return whether the reference turns on the spot, a scalar; 0 is false."""
         v_r, _, omega_r = at.twist
         return math.fabs(v_r) < SPIN_RADIUS * math.fabs(omega_r)
 
     def unicycle(self, at: Tracking) -> tuple[Any, Any]:
-        """Return the speed and the turning rate to ask of a base that cannot move sideways.
+        """Return the desired speed (m/s) of P and turning rate (rad/s), two scalars.
 
-        The feedback of the position error is on the leash; the heading is not.
+        The leash bounds the position error, not the heading error.
         """
         sheet, (v_r, _, omega_r), a_r = at.sheet, at.twist, at.twist_dot[0]
         x1, x2, _ = at.e

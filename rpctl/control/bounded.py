@@ -24,37 +24,37 @@ from rpctl.files.records import POSITIVE, Setting
 class BoundedDynamic(ClosedFormDynamic):
     """The predictive law of [MS21, Eq. 21-26] within the limits of the URDF.
 
-    While no limit binds, the law is the paper's. Where one does, each quasi-velocity gives way to
-    its own limits and to no other's:
+    As long as no limit binds, the law is the paper's. If limits bind, each quasi-velocity deviates
+    because of its own limits only:
 
-    1. The wish ν̇* of each joint of the arm is brought within its own bounds, see
+    1. The desired ν̇* of each joint of the arm is clipped to its own bounds, see
        :class:`~rpctl.control.joint_limits.JointLimits`.
-    2. The base minimises the paper's own cost over the box of its efforts and the bounds of its
-       wheels, with an arm that follows,
+    2. The base minimises the paper's cost over the box of its efforts and the bounds of its wheels,
+       for an arm that follows,
 
            J = ½ pᵀ W′ p,    p = ε + h1 ε̇,    |τ| ≤ τ_max.
 
     3. The arm on that base obeys Gauss's principle of least constraint, ½ δν̇ᵀ M δν̇ → min over the
-       box of its efforts. M δν̇ is what the efforts miss, so δν̇ is their multiplier: a joint is off
-       its wish only where its own effort is at a limit, and by what that effort cannot give.
+       box of its efforts. M δν̇ is the missing effort, so δν̇ is its multiplier: a joint deviates
+       from ν̇* only if its own effort is at a limit, and by what that effort cannot provide.
 
-    Both are one quadratic program, in which the wheels' rows do not see the arm's δν̇ and the arm
-    weighs next to nothing: neither do saturated wheels throw the arm, nor does a joint that its
-    actuator cannot hold drive the base off under it. Where wheels and arm are at their limits at
-    once, the wheels' efforts are cut off at theirs.
+    Both are one quadratic program, in which the wheels' rows do not contain the arm's δν̇ and the
+    arm has a tiny weight: saturated wheels do not accelerate the arm, and a joint that its actuator
+    cannot hold does not move the base. If wheels and arm are at their limits at the same time, the
+    wheels' efforts are clipped.
 
-    Efforts never leave their box; bounds of wheels that the efforts cannot keep are broken by the
-    least possible. In W′, p is divided by full speed, the speed at which the first actuator reaches
-    its velocity limit,
+    Efforts never leave their box; bounds of wheels that the efforts cannot keep are violated by the
+    least possible amount. In W′, p is divided by the full speed, at which the first actuator
+    reaches its velocity limit,
 
         W′ = √w′ (I − c d dᵀ)² √w′,    c = 1 − √along,
 
-    with d the direction of ν_d + h1 ν̇_d, divided by full speed as well: an error along the desired
-    motion is cheaper than one across it. So a robot whose wheels have reached a limit slows down, v
-    and ω in proportion, and keeps the curvature. The arm has √w′ M √w′: with weights that differ
-    among its joints, the others move for the one that weighs more.
+    where d is the direction of ν_d + h1 ν̇_d, also divided by the full speed: an error along the
+    desired motion costs less than one across it. A robot whose wheels have reached a limit
+    therefore slows down with v and ω in proportion, and keeps the curvature. The arm's weight is
+    √w′ M √w′: if its joints have different weights, the others move in favour of the heavier one.
 
-    Efforts are held for a period, so M and h are those of its middle, see
+    Efforts are held for a period, so M and h are evaluated in its middle, see
     :func:`~rpctl.control.dynamic.midpoint`.
     """
 
@@ -104,14 +104,14 @@ class BoundedDynamic(ClosedFormDynamic):
     ] = True
 
     def numbers_on(self, known: ReducedDynamics, period: float) -> dict[str, Any]:
-        """Return the numbers among the settings on one robot, see :class:`BoundedLaw`.
+        """Return the numeric settings on one robot, see :class:`BoundedLaw`.
 
         Args:
-            known: Its dynamics, as far as the controller knows them.
+            known: The dynamics of the controller's model.
             period: Control period, s.
 
         Raises:
-            UnknownNameError: A weight is of no quasi-velocity of the robot.
+            UnknownNameError: A weight names no quasi-velocity of the robot.
         """
         return BoundedLaw(self, known, period).numbers()
 
@@ -124,42 +124,42 @@ class BoundedDynamic(ClosedFormDynamic):
         *,
         disturbance: Array | float = 0.0,
     ) -> Array:
-        """Return τ (n_act,) of a sample that no limit binds, with Pinocchio's dynamics.
+        """Return τ (n_act,), N·m or N, of a sample at which no limit binds, by Pinocchio.
 
         Args:
-            known: The robot's dynamics, as far as the controller knows them.
+            known: The dynamics of the controller's model.
             period: Control period, s.
             sample: The sample, in arrays.
             rest: Not used.
-            disturbance: Acceleration ν̇ (dof,) in addition to that of ``known``.
+            disturbance: Acceleration (dof,), m/s² or rad/s², that acts besides the model's.
         """
         law = BoundedLaw(self, known, period)
         return np.asarray(paper_efforts(known, sample, law.times, law.held_for, disturbance))
 
     def statements(self, frame: LawFrame) -> LawFragment:
-        """Return the statements that make efforts of the frame's command."""
+        """Return the kernel statements that compute efforts from the frame's command."""
         return BoundedStatements(frame, BoundedLaw(self, frame.reduced, frame.period)).fragment()
 
 
 @dataclass(frozen=True)
 class IntegralDynamic(ClosedFormDynamic):
-    """The law within limits, plus integral action against what the model does not know.
+    """The bounded law with integral action against disturbances and model errors.
 
     Without limits the desired acceleration is
 
         ν̇* = ν̇_d − ε/h1 − k (ε + ∫ε/h1),    ε = ν − ν_d,
 
-    whose poles are −1/h1 and −k. The integral is kept as d, the acceleration that the efforts do
-    not explain: with ν̇_m the model's acceleration under the efforts that were applied,
+    with poles at −1/h1 and −k. The state of the integral is d, the acceleration that the efforts do
+    not explain: with the model's acceleration ν̇_m under the applied efforts,
 
         ḋ = k (ν̇ − ν̇_m − d),    ν̇_m = ν̇_d − ε/h1 − d,
 
-    which is the same law with d = k (ε + ∫ε/h1): ν̇ = ν̇_d + ε̇, so ḋ = k (ε̇ + ε/h1). As efforts at
-    their limits enter ν̇_m as they are, a limit that binds does not wind the integral up; and jumps
-    of ν_d, which no disturbance caused, do not enter it.
+    which is the same law with d = k (ε + ∫ε/h1): ν̇ = ν̇_d + ε̇, so ḋ = k (ε̇ + ε/h1). Since ν̇_m
+    follows from the limited efforts, a limit that binds does not wind up the integral; and jumps of
+    ν_d, which no disturbance caused, do not enter it.
 
-    A run starts without a bump: d is what the model does not know of the robot at rest, ν̇ = 0, from
-    the efforts that hold it there. Where these are not known, d starts at 0 and has to be learnt.
+    At the start of a run d and the model's acceleration under the efforts that hold the robot at
+    rest add up to 0. If these efforts are not known, d starts at 0.
     """
 
     gain: Annotated[
@@ -187,10 +187,10 @@ class IntegralDynamic(ClosedFormDynamic):
     ] = None
 
     def numbers_on(self, known: ReducedDynamics, period: float) -> dict[str, Any]:
-        """Return the numbers among the settings on one robot, by name.
+        """Return the numeric settings on one robot by name: floats, or arrays (dof,).
 
         Args:
-            known: Its dynamics, as far as the controller knows them.
+            known: The dynamics of the controller's model.
             period: Control period, s.
 
         Raises:
@@ -201,10 +201,10 @@ class IntegralDynamic(ClosedFormDynamic):
     def free_efforts(
         self, known: ReducedDynamics, period: float, sample: LawSample, rest: Rest | None
     ) -> Array:
-        """Return τ (n_act,) of a first sample that no limit binds, with Pinocchio's dynamics.
+        """Return τ (n_act,), N·m or N, of a first sample without binding limits, by Pinocchio.
 
         Args:
-            known: The robot's dynamics, as far as the controller knows them.
+            known: The dynamics of the controller's model.
             period: Control period, s.
             sample: The sample, in arrays.
             rest: State before the run.
@@ -215,7 +215,7 @@ class IntegralDynamic(ClosedFormDynamic):
         return self.inner.free_efforts(known, period, sample, rest, disturbance=d)
 
     def statements(self, frame: LawFrame) -> LawFragment:
-        """Return the statements that make efforts of the frame's command."""
+        """Return the kernel statements that compute efforts from the frame's command."""
         inner = BoundedLaw(self.inner, frame.reduced, frame.period)
         return BoundedStatements(frame, inner, integral=True).fragment()
 
@@ -227,7 +227,7 @@ class IntegralDynamic(ClosedFormDynamic):
             period: Control period, s.
 
         Raises:
-            RpctlError: One is too large for the control period.
+            RpctlError: A gain is too large for the control period.
         """
         usual = usual_gains(period).gain
         base, joints = self.gain or usual, self.joint_gain or usual

@@ -81,22 +81,24 @@ def default_laws(robot: Robot | None = None) -> tuple[KinematicLaw, DynamicLaw]:
 
 
 class ControllerOutput(NamedTuple):
-    """What a robot is sent after a sample.
+    """The answer of a controller to a sample.
 
     Attributes:
-        efforts: (n_act,), N·m or N; always finite. (0,) where the output are speeds; where some
-            joints are sent efforts beside them, 0 of all actuators that nobody is to send any.
-        speeds: Quasi-velocities (dof,), m/s or rad/s; always finite. (0,) where it are efforts;
-            beside them, those of joints that are sent efforts are what these are to bring about.
-        command: What the kinematic law asked for.
+        efforts: Actuator efforts (n_act,), N·m or N, in the order of ``robot.actuators``; always
+            finite. (0,) for a robot that takes speeds; if some of its joints take efforts, 0 for
+            all other actuators.
+        speeds: Quasi-velocities to send (dof,), m/s or rad/s, in the order of
+            ``robot.quasi_velocities``; always finite. (0,) for a robot that takes efforts. For
+            joints that take efforts, the rates that the efforts aim at.
+        command: The output of the kinematic law.
         limits: The limits of the URDF that bind the efforts or speeds.
-        status: "ok"; "fallback" where another law took the place of one that failed; "held" where
-            the sample or both laws were bad, and the last safe efforts or speeds go on; "stopped"
-            where that lasted too long, and the robot is braked, or where it pauses; "lost" where
-            the robot does not do what it is sent, and is braked until it is told to resume.
-        reason: Why the status is not "ok".
-        commands: The same speeds as each group of the output takes them, by its pattern; empty
-            where it has no groups, and before the first good sample.
+        status: "ok"; "fallback" if a substitute answered for a law that failed; "held" if the
+            sample was bad or both laws failed, and the last safe output is repeated; "stopped" if
+            that lasted too long, so that the controller brakes, or if the controller is paused;
+            "lost" if the robot does not follow and is braked until :meth:`Controller.resume`.
+        reason: Why the status is not "ok"; else empty.
+        commands: For an output with groups, the command of each group, by its pattern; empty
+            without groups and before the first good sample.
     """
 
     efforts: Array
@@ -109,58 +111,67 @@ class ControllerOutput(NamedTuple):
 
 
 class Controller:
-    """The predictive laws of one robot on measured samples: made once, stepped for ever.
+    """The predictive laws of one robot: :meth:`step` turns a measured state into efforts or speeds.
 
-    A sample is bad if it holds numbers that are not finite, a wrong count of them, or a time that
-    does not advance or that jumps. It is answered with the last safe efforts and counted. Once that
-    has lasted for ``guards.stale_after``, the robot is braked along its model's motion; the next
-    good sample ends the stop. Where a few samples in a row go on from a time that jumped, the clock
-    was set: the controller's own time goes on as if it had not been.
+    A sample is bad if a number is not finite, if it has the wrong shape, or if its time does not
+    advance or jumps. The controller counts it and repeats the last safe efforts. If that lasts for
+    ``guards.stale_after``, it brakes the robot along the motion of the model; the next good sample
+    ends the stop. If several samples continue from a time that jumped, the clock was set, and the
+    controller's own time continues without the jump.
 
-    A measured pose that jumps, as a localisation's does, is let in at the rate ``guards.fading``. A
-    robot that is at its limits while its error does not fall is lost: it is braked until
-    :meth:`resume`.
+    If the measured pose jumps, as a localisation's does, the jump is fed in at the rate
+    ``guards.fading``. A robot that stays at its limits while its error does not decrease is lost:
+    it is braked until :meth:`resume`.
 
-    Efforts change at a bounded rate from sample to sample, whatever the reason: only those of the
-    first sample leap, and those of motors that are switched off.
+    The rate of efforts is bounded from sample to sample, except at the first sample and if the
+    motors are switched off.
 
-    A law that fails at a sample (a solver that gives up, a singular posture) has a substitute
-    there, the unified law or the paper's within the effort limits; if that fails too, the sample
-    counts as bad. Samples may come late or be lost: the laws are told the measured time between
+    If a law fails at a sample (its solver fails, a posture is singular), a substitute answers: the
+    unified law, or the paper's dynamic law within the effort limits. If the substitute fails too,
+    the sample counts as bad. Samples may be late or missing: the laws use the measured time between
     them.
 
     Args:
         robot: The robot.
-        reference: A reference, or the name or the file of one; None: the config's.
-        config: A :class:`rpctl.Config`, or the path of its TOML: laws, limits, period, output,
-            guards, rates and delay, as of a run; what is given beside it wins.
-        kinematic: The kinematic law, or its name; None takes the robot's default.
-        dynamic: The dynamic law, or its name; None takes the robot's default.
-        period: Time between two samples as planned, s; 2 ms if not given.
-        output: ``"effort"``, which is the default; ``"velocity"`` for a robot that takes speeds
-            and follows them at once, or a
-            :class:`~rpctl.control.velocity_output.VelocityOutput` that says how late it follows
-            them. ``"twist"``, ``"wheel-speeds"``, ``"steering"`` or ``"position"``, or a
-            mapping such as ``{"base": "twist", "arm_*": "position"}``, whose values may be
-            :class:`~rpctl.control.output_groups.OutputGroup` with bounds and lateness of their own:
-            ``commands`` of what is sent say it so. Then there is no dynamic law, but for joints in
-            a group of the kind ``"effort"``.
-        rest: State before the first sample, if it is known. Its efforts are sent as long as there
-            was no good sample; without it, zeros are.
-        guards: What is done about bad samples, poses that jump and robots that do not follow; None
-            takes the defaults.
-        compiled: Whether laws in closed form run as machine code, which is built here unless the
-            disk has it; else in CasADi's virtual machine: a step takes twice as long.
-        rates: ``"measured"``: they are as good as they come, and a sample that lacks one is bad.
-            ``"estimated"``: none is believed. None: those that are NaN are estimated, and all once
-            one is found to be quantised. See :class:`~rpctl.control.estimation.StateEstimate`.
-        delay: Time from a measurement to the efforts it leads to, s. The laws are given the state
-            and the reference of then, and so are all times that the controller tells; joints
-            without gains of their own get quicker ones. None: nobody knows it, and gains withstand
-            50 ms.
+        reference: A reference, or the name or the file of one; None: that of ``config``, or the
+            eight.
+        config: A :class:`rpctl.Config`, or the path of its TOML file: laws, limits, period, output,
+            guards, rates and delay, as for a run; the other arguments take precedence.
+        kinematic: The kinematic law, or its name; None: the robot's default.
+        dynamic: The dynamic law, or its name; None: the robot's default.
+        period: Nominal time between two samples, s; default: 2 ms.
+        output: ``"effort"`` (default); ``"velocity"`` for a robot that takes speeds and follows
+            them at once; a :class:`~rpctl.control.velocity_output.VelocityOutput` with the lag of
+            the robot. ``"twist"``, ``"wheel-speeds"``, ``"steering"``, ``"position"``, or a mapping
+            such as ``{"base": "twist", "arm_*": "position"}``, whose values may be
+            :class:`~rpctl.control.output_groups.OutputGroup` with their own bounds and lags: the
+            output's ``commands`` then hold what to send. A robot that takes speeds has no dynamic
+            law, except for joints in a group of the kind ``"effort"``.
+        rest: State before the first sample, if it is known. Its efforts are sent until the first
+            good sample; without it, zeros are sent.
+        guards: How the controller treats bad samples, jumps of the pose and robots that do not
+            follow; None: the defaults.
+        compiled: Whether laws in closed form run as machine code, which is built now unless the
+            cache has it. Otherwise CasADi's virtual machine runs them, and a step takes twice as
+            long.
+        rates: ``"measured"``: the controller uses the measured rates, and a sample that lacks one
+            is bad. ``"estimated"``: it estimates all rates. None: it estimates rates that are NaN,
+            and all rates once it finds one to be quantised. See
+            :class:`~rpctl.control.estimation.StateEstimate`.
+        delay: Known time from a measurement to the efforts that answer it, s. The laws then use the
+            predicted state and the reference at that time, joints without gains of their own get a
+            higher bandwidth, and reported times include the delay. None: unknown; the gains then
+            tolerate 50 ms.
 
     Raises:
         RpctlError: A setting is out of range, or the reference or a law does not fit the robot.
+        UnknownNameError: The name of a law, an output or a reference is not known.
+        DescriptionError: The file of the reference or of the configuration cannot be used.
+
+    Attributes:
+        robot: The robot, with the limits of ``config``.
+        period: Nominal time between two samples, s.
+        guards: The guards.
     """
 
     def __init__(
@@ -238,11 +249,11 @@ class Controller:
 
     @property
     def reference(self) -> Reference:
-        """What is to be followed in the end."""
+        """The reference that the robot follows, without the transition to it."""
         return self._reference
 
     def reset(self) -> None:
-        """Forget all samples: the laws start anew, and all counts are zero."""
+        """Restart the controller: forget all samples, restart the laws, and set all counts to 0."""
         robot, sent = self.robot, self._output or self._laws[1]
         started = self._dynamics, self.period, self._rest
         self._both = BothLaws(self._laws[0], sent, *started, self._compiled)
@@ -278,17 +289,20 @@ class Controller:
     def step(
         self, t: float, q: Array, nu: Array, *, applied: Array | None = None
     ) -> ControllerOutput:
-        """Return what to send now. A sample, however bad, raises nothing.
+        """Return what to send now. A bad sample raises no exception.
 
         Args:
-            t: Time, s; it advances from sample to sample.
+            t: Time of the sample, s; it increases from sample to sample.
             q: Measured configuration (nq,); :meth:`Robot.state` makes it from named readings.
-            nu: Measured quasi-velocities (dof,); NaN where nobody measures one.
-            applied: Efforts (n_act,) that arrived since the last sample, where the robot tells:
-                what did not arrive teaches the integral nothing.
+            nu: Measured quasi-velocities (dof,), m/s or rad/s; NaN for those that are not measured.
+            applied: Efforts (n_act,), N·m or N, that acted since the last sample, if the robot
+                reports them: the integral ignores efforts that did not act.
+
+        Returns:
+            Efforts or speeds, always finite, with the status.
 
         Raises:
-            RpctlError: A law of the user's answers with something that is no answer of its kind.
+            RpctlError: A law of the user returns something that is not the output of such a law.
         """
         self._counts["samples"] += 1
         self._both.ahead = None
@@ -306,13 +320,13 @@ class Controller:
         return output
 
     def pause(self, *, motors_off: bool = False) -> None:
-        """Stop the robot, and the reference's time; it may be called between any two steps.
+        """Stop the robot and the time of the reference; may be called between any two steps.
 
-        A robot that is lost stays so, but for its motors.
+        A robot that is lost remains lost; its motors may still be switched off.
 
         Args:
-            motors_off: Whether the motors do nothing from now on, as after an emergency stop: zeros
-                are sent, and nothing is learnt from what the robot does.
+            motors_off: Whether the motors are off from now on, as after an emergency stop: the
+                controller sends zeros, and its integral and estimates ignore the motion.
         """
         if not self._waits:
             self._following.stand(self._reader.time)
@@ -324,33 +338,33 @@ class Controller:
                 self._following.stop(self._measured)
 
     def resume(self) -> None:
-        """Go on with the reference, smoothly, from where the robot is and the reference stands."""
+        """Continue after a pause or a loss, with a smooth transition to the halted reference."""
         if self._waits:
             self._waits = ""
             self._following.go_on(max(self._reader.time, 0.0), self._measured)
 
     def set_reference(self, reference: str | Path | Reference) -> None:
-        """Follow another reference from its time 0 on, smoothly, from where the robot is.
+        """Follow another reference from its time 0, with a smooth transition to it.
 
-        A robot that pauses goes on to pause.
+        A controller that is paused remains paused.
 
         Args:
             reference: A reference, or the name or the file of one.
 
         Raises:
-            RpctlError: It does not fit the robot.
+            RpctlError: The reference does not fit the robot.
         """
         self._reference = self._read(reference)
         self._following.change(self._reference, max(self._reader.time, 0.0), self._measured)
 
     def report(self) -> dict[str, float]:
-        """Return what happened so far, by name.
+        """Return counts and figures since the last reset, by name.
 
-        ``samples``; how many of them were ``held``, answered while ``stopped``, ``paused`` or
-        ``lost`` or by ``fallbacks``, how many came ``late``, and at how many rates were
-        ``estimated``; ``jumps`` of the pose and ``clock_changes``; the ``pace`` of the reference,
-        below 1 where the robot left it; 1 of ``machine_code`` where the laws run as such; then what
-        the laws count.
+        The number of ``samples``; how many of them were ``held``, ``stopped``, ``paused``, ``lost``
+        or answered by ``fallbacks``, how many were ``late`` (by more than half a period), and at
+        how many rates were ``estimated``; the number of ``jumps`` of the pose and of
+        ``clock_changes``; the present ``pace`` of the reference, below 1 if the robot cannot keep
+        up; ``machine_code``, 1 if the laws run as machine code; then the figures of the laws.
         """
         own = {
             "clock_changes": self._reader.clock_changes,
@@ -360,15 +374,15 @@ class Controller:
         return {**self._counts, **own, **self._both.report()}
 
     def kinematic_report(self) -> dict[str, float]:
-        """Return what the kinematic law counts, by name."""
+        """Return the counts and figures of the kinematic law, by name."""
         return self._both.kinematic_report()
 
     def lateness(self) -> str:
-        """Return how late the robot follows its speeds, a sentence; "" where it is as told."""
+        """Return a sentence on the identified lag of speeds; "" if it is as declared."""
         return "" if self._both.speeds is None else self._both.speeds.lateness()
 
     def notes(self) -> tuple[str, ...]:
-        """Return a sentence for each law that failed, and on a robot that was stopped or late."""
+        """Return sentences on laws that failed, and on a robot that was braked, lost or slow."""
         found = self._both.notes(self._counts["samples"])
         if self._counts["stopped"]:
             found.append(f"the controller braked the robot at {self._counts['stopped']} samples: "

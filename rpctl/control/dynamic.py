@@ -25,7 +25,7 @@ Dynamics = ReducedDynamics | SymbolicDynamics
 
 
 class ClosedFormDynamic(Record, ABC):
-    """A dynamic law whose efforts are statements of a kernel."""
+    """Base class of dynamic laws whose efforts are statements of a kernel."""
 
     gives_efforts: ClassVar[bool] = True
 
@@ -37,13 +37,13 @@ class ClosedFormDynamic(Record, ABC):
         *,
         running: RunningLaws | None = None,
     ) -> LimitedLaw | PaperDynamicController:
-        """Return the controller of one run, for whatever commands.
+        """Return the controller of one run, for the commands of any kinematic law.
 
         Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
+            dynamics: The dynamics of the controller's model.
             period: Control period, s.
             rest: State before the run; None starts an integral at zero.
-            running: Its kernel, if it is part of one that has a kinematic law as well.
+            running: The kernel of both laws, if it exists already.
 
         Raises:
             RpctlError: A setting does not fit the robot or the period.
@@ -56,19 +56,19 @@ class ClosedFormDynamic(Record, ABC):
         return LimitedLaw(running or running_laws(None, self, dynamics, period, rest))
 
     def structure(self, robot: Robot) -> object:
-        """Return what of the law is compiled in on a robot; its numbers are not.
+        """Return a value that identifies the law's machine code on a robot, numbers left out.
 
-        What a class of a user's own says is told by the class itself, in this process only.
+        For a user's class the class itself is that value, which is valid in this process only.
         """
         known = type(self).__module__.startswith("rpctl.")
         return structure(self), None if known else id(type(self))
 
     @abstractmethod
     def numbers_on(self, known: ReducedDynamics, period: float) -> dict[str, Any]:
-        """Return the numbers among the settings on one robot, by name: floats, or arrays (dof,).
+        """Return the numeric settings on one robot by name: floats, or arrays (dof,).
 
         Args:
-            known: Its dynamics, as far as the controller knows them.
+            known: The dynamics of the controller's model.
             period: Control period, s.
         """
 
@@ -76,12 +76,12 @@ class ClosedFormDynamic(Record, ABC):
     def free_efforts(
         self, known: ReducedDynamics, period: float, sample: LawSample, rest: Rest | None
     ) -> Array:
-        """Return τ (n_act,) of a first sample that no limit binds, with Pinocchio's dynamics.
+        """Return τ (n_act,), N·m or N, of a first sample without binding limits, by Pinocchio.
 
-        It is what a kernel is checked against.
+        A kernel is compared with it when it is built.
 
         Args:
-            known: The robot's dynamics, as far as the controller knows them.
+            known: The dynamics of the controller's model.
             period: Control period, s.
             sample: The sample, in arrays.
             rest: State before the run.
@@ -89,7 +89,7 @@ class ClosedFormDynamic(Record, ABC):
 
     @abstractmethod
     def statements(self, frame: LawFrame) -> LawFragment:
-        """Return the statements that make efforts of the frame's command."""
+        """Return the kernel statements that compute efforts from the frame's command."""
 
 
 def unsupported(kinematic: Any, dynamic: Any) -> str | None:
@@ -143,9 +143,9 @@ class PaperDynamic(ClosedFormDynamic):
 
         ν̇* = ν̇_d − (ν − ν_d)/h1,    B τ = M ν̇* + h − ℓ(ν_d)
 
-    so that ε̇ = −ε/h1. The paper's robot loses nothing, ℓ = 0. Where a joint does, it is compensated
-    at the speed it is wanted to have: what is left, ℓ(ν) − ℓ(ν_d), brakes the error, and friction
-    does not follow the sign of a measurement that is noise.
+    so that ε̇ = −ε/h1. The paper's robot has no losses, ℓ = 0. The losses of joints are compensated
+    at the desired speed: the remaining ℓ(ν) − ℓ(ν_d) reduces the error, and the compensation of
+    friction does not change sign with the noise of the measured speed.
     """
 
     horizon_dyn: Annotated[float, POSITIVE, Setting("s", "Horizon h₁", "Prediction time h1.")] = (
@@ -177,13 +177,13 @@ class PaperDynamic(ClosedFormDynamic):
         *,
         running: object = None,
     ) -> PaperDynamicController:
-        """Return the controller of one run.
+        """Return the controller of one run, which computes with Pinocchio.
 
         Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
+            dynamics: The dynamics of the controller's model.
             period: Control period, s.
             rest: Not used.
-            running: Not used: Pinocchio computes.
+            running: Not used.
         """
         times = self.numbers_on(dynamics, period)["time"]
         return PaperDynamicController(times, period if self.midpoint else 0.0)
@@ -192,7 +192,7 @@ class PaperDynamic(ClosedFormDynamic):
         """Return the prediction times h1 (dof,) on one robot, s.
 
         Args:
-            known: Its dynamics, as far as the controller knows them.
+            known: The dynamics of the controller's model.
             period: Not used.
         """
         own = self.joint_horizon_dyn or self.horizon_dyn
@@ -201,10 +201,10 @@ class PaperDynamic(ClosedFormDynamic):
     def free_efforts(
         self, known: ReducedDynamics, period: float, sample: LawSample, rest: Rest | None
     ) -> Array:
-        """Return τ (n_act,) of a sample, with Pinocchio's dynamics.
+        """Return τ (n_act,), N·m or N, of a sample, by Pinocchio.
 
         Args:
-            known: The robot's dynamics, as far as the controller knows them.
+            known: The dynamics of the controller's model.
             period: Control period, s.
             sample: The sample, in arrays.
             rest: Not used.
@@ -213,7 +213,7 @@ class PaperDynamic(ClosedFormDynamic):
         return self.start(known, period)(known, q, nu, Command(*command)).tau
 
     def statements(self, frame: LawFrame) -> LawFragment:
-        """Return the statements that make efforts of the frame's command."""
+        """Return the kernel statements that compute efforts from the frame's command."""
         held_for = frame.period if self.midpoint else 0.0
         tau = paper_efforts(frame.known, frame.sample, frame.s["time"], held_for)
         labels = effort_labels(frame.known.robot)
@@ -223,7 +223,7 @@ class PaperDynamic(ClosedFormDynamic):
         """Return τ (n_act,) of a controller with the usual control period, 2 ms.
 
         Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
+            dynamics: The dynamics of the controller's model.
             q: Configuration (nq,).
             nu: Quasi-velocities (dof,).
             command: Command to follow.

@@ -292,31 +292,31 @@ class EndEffectorLaw:
 
 @dataclass(frozen=True, kw_only=True)
 class EndEffector(Record):
-    """A predictive law whose outputs are the base's pose and the end effector's.
+    """A predictive law that tracks the poses of the base and of the end effector.
 
-    The base follows a law of its own. Given the base's quasi-velocities ν_b of that law, the arm's
-    rates q̇ make the end effector's error, predicted to first order over the horizon h, vanish:
+    The base follows a law of its own. Given its quasi-velocities ν_b, the arm's rates q̇ make the
+    end effector's error vanish, predicted to first order over the horizon h:
 
         J_arm q̇ + J_base ν_b = p*,    p* = ṗ_r + (p_r − p)/h
 
-    so it decays as exp(−t/h) whatever the base's error does. The reference p_r is where the end
-    effector is when base and arm are on theirs, so both outputs agree once the base is there.
+    so this error decays as exp(−t/h) for any error of the base. The reference p_r is the pose of
+    the end effector with base and arm on their references, so both outputs agree once the base has
+    reached its reference.
 
-    - Redundancy: of all such rates the law takes those nearest, relative to the joints' full
-      speeds, to the rates that the base's law gives the arm (q̇_r + (q_r − q)/h, or the horizon
-      law's plan).
-    - Limits: |q̇| ≤ 0.9 q̇_max, and the posture predicted over the horizon, q + h q̇, stays inside
-      the position limits: a joint approaches its limit as exp(−t/h), and never passes it.
-    - Singularities and unreachable targets: p* is met as long as the multiplier of that equality is
-      at most 1/``damping``; beyond, the rates come as near as a multiplier of that size brings
-      them, see :func:`nearest`. Along a direction in which the arm at full speed moves the end
-      effector at σ (m/s), they differ from the posture's by at most σ/``damping`` full speeds.
+    - Redundancy: of all such rates the law takes those nearest, relative to the joints' velocity
+      limits, to the arm rates of the base's law (q̇_r + (q_r − q)/h, or the horizon law's plan).
+    - Limits: |q̇| ≤ 0.9 q̇_max, and the predicted posture q + h q̇ stays within the position limits:
+      a joint approaches its limit as exp(−t/h) and never exceeds it.
+    - Singularities and unreachable targets: the equality holds as long as its multiplier is at most
+      1/``damping``; otherwise the multiplier is limited to that, see :func:`nearest`. In a
+      direction in which the arm at full speed moves the end effector at σ (m/s), the rates differ
+      from those of the base's law by at most σ/``damping`` full speeds.
 
-    The base does not wait for the arm: where it leaves p_r out of the arm's reach, the error grows
-    until it is back. By default the base's law is the horizon law; any other law will do.
+    The base does not wait for the arm: while p_r is out of the arm's reach, the error grows. By
+    default the base's law is the horizon law; any other kinematic law is possible.
 
-    ν̇_d is the analytic derivative along the actual motion, of the active bounds where there are
-    any; it jumps when a bound becomes active, ν_d does not.
+    ν̇_d is the analytic derivative along the actual motion, with the active bounds taken into
+    account; it jumps when a bound becomes active, ν_d does not.
     """
 
     base: Annotated[
@@ -362,10 +362,10 @@ class EndEffector(Record):
     def start(
         self, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
     ) -> EndEffectorLaw:
-        """Return the controller of one run, and start that of the base.
+        """Return the controller of one run, which contains that of the base.
 
         Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
+            dynamics: The dynamics of the controller's model.
             period: Control period, s.
             rest: State before the run, for the base's law.
 

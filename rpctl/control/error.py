@@ -21,16 +21,18 @@ SERIES_RADIUS = 1e-2  # of u: below it the series of tanh(u)/u is exact to round
 
 
 class Tracking(NamedTuple):
-    """What a kinematic law reads, in scalars that a formula can be made of.
+    """The inputs of a kinematic law, in scalars for a formula.
 
     Attributes:
-        sheet: Names what a reader of the formula would want to see, and takes rates.
-        twist: Of the reference (3,): forward and to the left (m/s), turning rate (rad/s).
-        twist_dot: Their derivatives (3,).
-        direction: Along the twist (3,); not all 0 where the reference stands still, either.
-        error: x1, x2 (m) and x3 (rad), as they are.
-        e: The same on the law's leash, if it has one.
-        own_twist: Of the robot (3,).
+        sheet: Names intermediate results and takes derivatives by time.
+        twist: Twist of the reference (3,) in its own axes: speeds forward and to the left (m/s),
+            turning rate (rad/s).
+        twist_dot: Derivatives of these three numbers (3,), m/s² and rad/s².
+        direction: Vector along the twist (3,) that does not vanish if the reference stands still.
+        error: The error x1 ahead, x2 to the left (m) and x3 of the heading (rad, in (−π, π]),
+            reference minus actual, in the robot's axes ([MS21, Eq. 6-8]).
+        e: The error as the law's leash bounds it; the error itself without a leash.
+        own_twist: Twist of P (3,) in the robot's axes, m/s and rad/s.
     """
 
     sheet: Sheet
@@ -99,14 +101,13 @@ def wrap(angle: Any) -> Any:
 class Leash(Record):
     """A smooth bound of the base's error.
 
-    v_d of a kinematic law contains x2 ω_d, which grows with the square of the error: far from its
-    reference a robot is asked for speeds that it has not. With p = (x1, x2) and u = |p|/L the law
-    is given
+    v_d of a kinematic law contains x2 ω_d, which grows with the square of the error, so a large
+    error leads to speeds that no robot has. With p = (x1, x2) and u = |p|/L the law gets
 
         p' = p tanh(u)/u,    x3' = T tanh(x3/T)
 
-    The direction of p stays. Errors much smaller than the leash pass as they are, to third order:
-    the law near its reference is what it was.
+    The direction of p is unchanged. For errors much smaller than L and T, p' and x3' differ from p
+    and x3 in third order only, so the law near its reference is unchanged.
     """
 
     distance: Annotated[

@@ -23,19 +23,20 @@ FASTEST = 2.0  # rad/s or m/s, of a joint without a speed limit
 
 
 class GroupCommand(NamedTuple):
-    """What one group of a robot's joints is sent, by names; all of it finite.
+    """The command of one group of a robot's joints, by names; all numbers are finite.
 
     Attributes:
-        kind: As of :class:`~rpctl.control.output_groups.OutputGroup`.
-        speeds: m/s or rad/s. ``"velocity"`` and ``"twist"``: of its quasi-velocities, those of a
-            base of P along the base's own axes. ``"wheel-speeds"``: of the driven wheels' joints,
-            and of driven swivels that carry casters. ``"steering"``: ``v`` of P, and the rate of
-            ``steering``. ``"position"``: of the joints.
-        positions: rad or m, at the end of the period. ``"position"``: of the joints.
-            ``"wheel-speeds"`` and ``"steering"``: of the swivels' joints that steer; the latter
-            also ``steering``, the angle of a single wheel as far ahead of P as the steered joint.
-        accelerations: Of the same as the speeds, m/s² or rad/s²: since what was sent before.
-        efforts: N·m or N. ``"effort"``: of the joints, and nothing else.
+        kind: The kind of :class:`~rpctl.control.output_groups.OutputGroup`.
+        speeds: Speeds, m/s or rad/s. ``"velocity"`` and ``"twist"``: quasi-velocities of the group,
+            those of a base being P's in the base's axes. ``"wheel-speeds"``: rates of the driven
+            wheels' joints, and of driven swivels that carry casters. ``"steering"``: ``v`` of P,
+            and the rate of ``steering``. ``"position"``: rates of the joints.
+        positions: Positions at the end of the period, rad or m. ``"position"``: of the joints.
+            ``"wheel-speeds"`` and ``"steering"``: of the steered swivels' joints; the latter also
+            ``steering``, the angle of a single wheel as far ahead of P as the steered joint.
+        accelerations: Change of the speeds since the last command over the period, by the same
+            names, m/s² or rad/s².
+        efforts: Efforts, N·m or N, by joint, for the kind ``"effort"``; else empty.
     """
 
     kind: str

@@ -28,20 +28,22 @@ class PaperKinematic(BaseLaw):
         v_d = v_r cos x3 + x2 ω_d − β s (v_r sin x3 − x1 ω_d) + (x1 − β s x2)/h
         q̇_d = q̇_r + (q_r − q)/h
 
-    with s = sgn ω_r. On the output's zero the lateral error obeys ẋ2 = −β |ω_r| x2: a straight
-    line leaves it as it is.
+    with s = sgn ω_r. With zero outputs the lateral error obeys ẋ2 = −β |ω_r| x2: on a straight
+    line it remains.
     """
 
     horizon: Annotated[
         float, POSITIVE, Setting("s", "Horizon h", "Prediction time h, also of the joints.")
     ] = 0.8
     beta: Annotated[
-        float, WITHIN, Setting("", "Weight β of the lateral error", "In the longitudinal output.")
+        float,
+        WITHIN,
+        Setting("", "Weight β of the lateral error", "Weight β in the longitudinal output."),
     ] = 1.5
     smoothing: Annotated[
         float,
         POSITIVE_OR_NONE,
-        Setting("rad/s", "Smoothing ω₀", "Of s = ω_r/√(ω_r² + ω₀²); 0 is the paper's sign."),
+        Setting("rad/s", "Smoothing ω₀", "ω₀ in s = ω_r/√(ω_r² + ω₀²); 0 is the paper's sign."),
     ] = 0.0
 
     def joint_horizons(self, dynamics: ReducedDynamics, period: float) -> Array:
@@ -49,12 +51,12 @@ class PaperKinematic(BaseLaw):
 
         Args:
             dynamics: The robot's dynamics.
-            period: Control period, s; the paper knows none.
+            period: Control period, s; not used.
         """
         return np.full(len(dynamics.robot.joints), self.joint_horizon or self.horizon)
 
     def unicycle(self, at: Tracking) -> tuple[Any, Any]:
-        """Return the speed and the turning rate to ask of a base that cannot move sideways."""
+        """Return the desired speed (m/s) of P and turning rate (rad/s), two scalars."""
         omega_r = at.twist[2]
         omega_d = at.sheet.named("omega_d", omega_r + at.e[2] / self.horizon)
         b = at.sheet.named("b", self.beta * smooth_sign(at.sheet, omega_r, self.smoothing))

@@ -24,7 +24,12 @@ class Goal(NamedTuple):
 
 
 class Command(NamedTuple):
-    """Quasi-velocities to follow, and their derivative along the actual motion."""
+    """The output of a kinematic law.
+
+    Attributes:
+        nu_d: Desired quasi-velocities ν_d (dof,), m/s or rad/s.
+        nu_d_dot: Their derivative ν̇_d along the actual motion (dof,), m/s² or rad/s².
+    """
 
     nu_d: Array  # (dof,)
     nu_d_dot: Array  # (dof,)
@@ -43,14 +48,24 @@ class LeaningCommand(Command):
 
 
 class Limit(NamedTuple):
-    """A limit of the URDF."""
+    """A limit of the URDF that binds.
+
+    Attributes:
+        joint: Name of the joint.
+        kind: ``"effort"``, ``"velocity"``, ``"lower"`` or ``"upper"``.
+    """
 
     joint: str
-    kind: str  # "effort", "velocity", "lower" or "upper"
+    kind: str
 
 
 class Efforts(NamedTuple):
-    """Actuator efforts, and the limits that kept them from being others."""
+    """The output of a dynamic law.
+
+    Attributes:
+        tau: Actuator efforts τ (n_act,), N·m or N, in the order of ``robot.actuators``.
+        limits: The limits that bind the efforts.
+    """
 
     tau: Array  # (n_act,) N·m or N
     limits: tuple[Limit, ...] = ()
@@ -73,11 +88,17 @@ class LawSample(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """State of a robot at rest before a run, and the efforts that hold it there."""
+    """State of a robot before a run, and the efforts that hold it there.
 
-    q: Array  # (nq,)
-    tau: Array  # (n_act,) N·m or N
-    nu: Array | None = None  # (dof,) of a bicycle, which cannot stand; None: none
+    Attributes:
+        q: Configuration (nq,).
+        tau: Actuator efforts (n_act,), N·m or N.
+        nu: Quasi-velocities (dof,) of a bicycle, which cannot stand; None: zero.
+    """
+
+    q: Array
+    tau: Array
+    nu: Array | None = None
 
 
 class EffortCommand(Command):
@@ -180,17 +201,22 @@ class ReportsNothing:
 
 
 class StatelessLaw(ReportsNothing):
-    """A law that remembers nothing: it is its own controller and has nothing to report."""
+    """Base class of laws without memory: such a law is its own controller and reports nothing.
+
+    A kinematic law defines ``__call__(dynamics, reference, t, q, nu)`` and returns a
+    :class:`Command`; a dynamic law defines ``__call__(dynamics, q, nu, command)`` and returns
+    :class:`Efforts` or τ (n_act,), N·m or N.
+    """
 
     def start(
         self: Stateless, dynamics: ReducedDynamics, period: float, rest: Rest | None = None
     ) -> Stateless:
-        """Return itself: no argument of :meth:`Law.start` matters to it.
+        """Return the law itself; it uses no argument.
 
         Args:
-            dynamics: The controller's model.
-            period: Time between two calls, s.
-            rest: How the robot stands before the run.
+            dynamics: The dynamics of the controller's model.
+            period: Control period, s.
+            rest: State before the run.
         """
         return self
 

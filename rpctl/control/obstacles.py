@@ -59,12 +59,15 @@ class Obstacle(Protocol):
 
 @dataclass(frozen=True)
 class Disc:
-    """A round obstacle that stands on the floor, without end upwards.
+    """A round obstacle on the floor, of unlimited height, in the world's frame.
 
     Attributes:
-        x: Centre, m.
-        y: Centre, m.
+        x: x of the centre, m.
+        y: y of the centre, m.
         radius: Radius, m.
+
+    Raises:
+        RpctlError: The centre is not finite, or the radius is not positive.
     """
 
     x: float
@@ -72,7 +75,7 @@ class Disc:
     radius: float
 
     def __post_init__(self) -> None:
-        """Refuse what is no disc."""
+        """Refuse numbers out of range."""
         _require_finite("centre of a disc", self.x, self.y)
         require_positive("radius of a disc", self.radius)
 
@@ -81,9 +84,9 @@ class Disc:
         return np.asarray(np.hypot(points[:, 0] - self.x, points[:, 1] - self.y) - self.radius)
 
     def linearise(self, points: Array, radius: float, stride: float = 0.0) -> LinearBounds:
-        """Return the tangents of the disc grown by ``radius`` that face the points.
+        """Return the tangents at the points' side of the disc enlarged by ``radius``.
 
-        It is grown a little more, so that a chord of one ``stride`` does not cut it.
+        The disc is enlarged a little more, so that a chord of length ``stride`` does not cut it.
 
         Args:
             points: Predicted positions of the body (K, 2), m.
@@ -97,10 +100,11 @@ class Disc:
         return LinearBounds(normal, grown + normal @ (self.x, self.y))
 
     def around(self, start: Array, goals: Array, radius: float) -> Array:
-        """Return goals, those behind the disc turned about ``start`` onto its tangent.
+        """Return goals (K, 2), m, with those behind the disc turned about ``start`` to its tangent.
 
-        Linear bounds alone would stop the body in front of a disc, as they do not choose a side.
-        The side is that on which the goals pass the centre; if they pass through it, the body's.
+        Linear bounds alone would stop the body in front of a disc, because they choose no side. The
+        side is the one on which the goals pass the centre, or, if they pass through it, the side of
+        the body.
 
         Args:
             start: Position of the body (2,), m.
@@ -137,12 +141,15 @@ class Disc:
 
 @dataclass(frozen=True)
 class HalfPlane:
-    """The floor beyond a straight line: a body must keep nx x + ny y ≥ offset.
+    """The floor beyond a straight line: a body must keep n · p ≥ offset, n the unit normal.
 
     Attributes:
-        nx: Normal of the line, towards the free side.
-        ny: Normal of the line.
-        offset: Distance of the line from the origin along the unit normal, m.
+        nx: x of a normal of the line, of any length, towards the free side, in the world's frame.
+        ny: y of this normal.
+        offset: Distance of the line from the origin along the normal, m.
+
+    Raises:
+        RpctlError: A number is not finite, or the normal is zero.
     """
 
     nx: float
@@ -150,7 +157,7 @@ class HalfPlane:
     offset: float
 
     def __post_init__(self) -> None:
-        """Refuse what is no line."""
+        """Refuse numbers out of range."""
         _require_finite("half-plane", self.nx, self.ny, self.offset)
         require_positive("length of a half-plane's normal", math.hypot(self.nx, self.ny))
 
@@ -175,7 +182,7 @@ class HalfPlane:
         return LinearBounds(np.tile(self.normal, (count, 1)), np.full(count, self.offset + radius))
 
     def around(self, start: Array, goals: Array, radius: float) -> Array:
-        """Return the goals as they are: there is no way round a half-plane.
+        """Return the goals (K, 2) unchanged: a half-plane has no detour.
 
         Args:
             start: Not used.

@@ -28,23 +28,23 @@ DEAD_TIME = Range(0.0, MAX_DEAD_TIME, f"a time in s, from 0 to {MAX_DEAD_TIME:g}
 
 @dataclass(frozen=True, kw_only=True)
 class OutputGroup(Record):
-    """What one group of quasi-velocities is sent, how late it follows, and how fast it may go.
+    """The command of one group of quasi-velocities, its lag, and its bounds.
 
     ``kind`` is one of
 
-    - ``"velocity"``: its quasi-velocities, m/s or rad/s;
+    - ``"velocity"``: the quasi-velocities of the group, m/s or rad/s;
     - ``"twist"``: the base's v and ω, or v_x, v_y and ω, of P along its own axes;
     - ``"wheel-speeds"``: rates of the driven wheels, rad/s, and angles of their swivels, rad;
-    - ``"steering"``: the speed v of P, and the angle of a single wheel in the place of those that
-      steer, on the vehicle's middle line, which turns on the same circle (Ackermann);
-    - ``"position"``: positions of the arm's joints, with rates and accelerations. A servo of lag T,
-      T q̇ = p − q, makes of them T q̈ = ṗ − q̇: what the rates ṗ make of a robot that takes rates;
-    - ``"effort"``: efforts of the arm's joints, of the dynamic law on a base that moves as its own
-      controllers make it, see :class:`~rpctl.control.arm_efforts.ArmEfforts`. They act at once, and
-      their limits are the URDF's.
+    - ``"steering"``: the speed v of P (m/s), and the angle (rad) of a single wheel on the vehicle's
+      middle line that replaces the steered ones and turns on the same circle (Ackermann);
+    - ``"position"``: positions of the arm's joints (rad or m), with rates and accelerations. A
+      servo with lag T, T q̇ = p − q, follows them as T q̈ = ṗ − q̇, like a robot that takes rates ṗ;
+    - ``"effort"``: efforts of the arm's joints (N·m or N), from the dynamic law on a base that its
+      own controllers move, see :class:`~rpctl.control.arm_efforts.ArmEfforts`. They act at once,
+      within the limits of the URDF.
 
-    The bounds are by pattern of the names of the group's quasi-velocities, and are those of the
-    motion that the commands lead to by the model.
+    ``speeds``, ``accelerations`` and ``jerks`` bound the resulting motion of the model, by pattern
+    of the names of the group's quasi-velocities.
     """
 
     kind: Annotated[str, OneOf(GROUP_KINDS), Setting("", "Sent", "Kind of command.")] = field(
@@ -59,15 +59,15 @@ class OutputGroup(Record):
         Setting("s", "Dead time", "Dead time; default: that of the output."),
     ] = field(default=None, kw_only=False)
     speeds: Annotated[
-        Mapping[str, float], POSITIVE, Setting("m/s or rad/s", "Speeds", "The largest.")
+        Mapping[str, float], POSITIVE, Setting("m/s or rad/s", "Speeds", "Largest speeds.")
     ] = field(default_factory=dict)
     accelerations: Annotated[
         Mapping[str, float],
         POSITIVE,
-        Setting("m/s² or rad/s²", "Accelerations", "The largest."),
+        Setting("m/s² or rad/s²", "Accelerations", "Largest accelerations."),
     ] = field(default_factory=dict)
     jerks: Annotated[
-        Mapping[str, float], POSITIVE, Setting("m/s³ or rad/s³", "Jerks", "The largest.")
+        Mapping[str, float], POSITIVE, Setting("m/s³ or rad/s³", "Jerks", "Largest jerks.")
     ] = field(default_factory=dict)
 
 

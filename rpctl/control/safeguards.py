@@ -30,7 +30,7 @@ from rpctl.robot.model import Robot
 
 @dataclass(frozen=True, kw_only=True)
 class Guards(Record):
-    """What a controller does about samples, poses and robots that are not as they should be."""
+    """Settings for missing samples, jumps of the pose, and robots that do not follow."""
 
     stale_after: Annotated[
         float,

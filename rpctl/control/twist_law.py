@@ -65,18 +65,19 @@ NUMBERS = (int, float, np.float64)  # types of settings that formulas take for s
 
 @dataclass(frozen=True)
 class BaseLaw(Record, ABC):
-    """A kinematic law that is defined by its twist for a base that cannot move sideways.
+    """Base class of kinematic laws that :meth:`unicycle` defines for a base that moves forward.
 
-    An omnidirectional base gets :func:`~rpctl.control.error.omnidirectional_twist`, whatever the
-    law: its three errors need no trade. The arm's errors, predicted to first order over a horizon h
-    of each joint's own, vanish: q̇_d = q̇_r + (q_r − q)/h ([MS21, Eq. 20]).
+    An omnidirectional base gets :func:`~rpctl.control.error.omnidirectional_twist` with every law,
+    because its three inputs can correct its three errors. The errors of the arm's joints, predicted
+    to first order over the horizon h of each joint, vanish: q̇_d = q̇_r + (q_r − q)/h
+    ([MS21, Eq. 20]).
 
-    :meth:`unicycle` is a formula over scalars, with the functions of :mod:`rpctl.math`. All else
-    is made of it: ν̇_d along the actual motion, what a loop in Python calls, machine code, and
-    what ``derive --law`` writes.
+    :meth:`unicycle` is a formula over scalars, with the functions of :mod:`rpctl.math`. Everything
+    else follows from it: ν̇_d along the actual motion, the law in Python, its machine code, and the
+    text that ``derive --law`` writes.
     """
 
-    refusal: ClassVar[str] = ""  # what is said where it :meth:`refuses` a reference
+    refusal: ClassVar[str] = ""  # the message if the law :meth:`refuses` a reference
 
     horizon: Annotated[
         float | None,
@@ -122,13 +123,13 @@ class BaseLaw(Record, ABC):
         *,
         running: RunningLaws | None = None,
     ) -> TrackingController:
-        """Return the controller of one run, with its stage for far starts before it.
+        """Return the controller of one run, with its approach for large errors.
 
         Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
-            period: Control period, s: the joints' prediction times depend on it.
+            dynamics: The dynamics of the controller's model.
+            period: Control period, s; the default prediction times depend on it.
             rest: Not used.
-            running: Its kernel, if it is part of one that has a dynamic law as well.
+            running: The kernel of both laws, if it exists already.
         """
         if isinstance(dynamics.robot, LeaningRobot):
             return LeaningWish(self, dynamics.robot)
@@ -140,7 +141,7 @@ class BaseLaw(Record, ABC):
         """Return the prediction times of the arm's joints (n_joints,), s.
 
         Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
+            dynamics: The dynamics of the controller's model.
             period: Control period, s.
         """
         h = self.joint_horizon or usual_gains(period).horizon
@@ -149,7 +150,7 @@ class BaseLaw(Record, ABC):
     def __call__(
         self, dynamics: ReducedDynamics, reference: Reference, t: float, q: Array, nu: Array
     ) -> Command:
-        """Return the command of a controller with the usual control period, 2 ms, near or far.
+        """Return the command at a control period of 2 ms, without the approach.
 
         Args:
             dynamics: The robot's dynamics.
@@ -162,7 +163,7 @@ class BaseLaw(Record, ABC):
         return law(dynamics, reference, t, q, nu)
 
     def numbers(self, period: float = USUAL_PERIOD) -> dict[str, float]:
-        """Return the numbers among the settings by name, but for the joints' prediction time.
+        """Return the numeric settings by name, except the joints' prediction times.
 
         Args:
             period: Control period, s.
@@ -173,16 +174,16 @@ class BaseLaw(Record, ABC):
         return found
 
     def numbers_on(self, known: ReducedDynamics, period: float) -> dict[str, Any]:
-        """Return the numbers among the settings on one robot, by name.
+        """Return the numeric settings on one robot, by name: floats, or arrays (n_joints,).
 
         Args:
-            known: Its dynamics, as far as the controller knows them.
+            known: The dynamics of the controller's model.
             period: Control period, s.
         """
         return {**self.numbers(period), "joint_horizons": self.joint_horizons(known, period)}
 
     def structure(self, robot: Robot) -> object:
-        """Return what of the law is compiled in on a robot; its numbers are not."""
+        """Return a value that identifies the law's machine code on a robot, numbers left out."""
         if type(self).__module__.startswith("rpctl."):
             return structure(self)
         symbols = {name: math.SX.sym(name) for name in self.numbers()}
@@ -191,7 +192,11 @@ class BaseLaw(Record, ABC):
         return structure(self), str(found.serialize())
 
     def command(self, frame: LawFrame) -> Call:
-        """Return the call that makes the command of a sample."""
+        """Return the call of a kernel that computes the command of a sample.
+
+        Args:
+            frame: The kernel's inputs and outputs.
+        """
         (_, q), (_, nu), sheet, known = frame.q, frame.nu, Sheet(), frame.known
         s, state = dict(frame.asked), row_symbols(known.robot, frame.reference[1])
         horizons = math.vertsplit(s.pop("joint_horizons"))
@@ -207,7 +212,11 @@ class BaseLaw(Record, ABC):
         return statement("law_command", inputs, list(values))
 
     def with_numbers(self, scalars: Mapping[str, Any]) -> BaseLaw:
-        """Return the law with scalars for what :meth:`numbers` names."""
+        """Return the law with scalars in the place of its numeric settings.
+
+        Args:
+            scalars: By the names of :meth:`numbers`.
+        """
         found, leash = copy(self), copy(self.leash)
         object.__setattr__(found, "leash", leash)
         for name, scalar in scalars.items():
@@ -217,12 +226,16 @@ class BaseLaw(Record, ABC):
         return found
 
     def refuses(self, at: Tracking) -> Any:
-        """Return whether the law cannot follow the reference at a time, a scalar."""
+        """Return whether the law cannot follow the reference, a scalar; 0 is false.
+
+        Args:
+            at: The reference and the error, in scalars.
+        """
         return 0.0
 
     @abstractmethod
     def unicycle(self, at: Tracking) -> tuple[Any, Any]:
-        """Return the speed (m/s) and the turning rate (rad/s) of a base that cannot move sideways.
+        """Return the desired speed (m/s) of P and turning rate (rad/s), two scalars.
 
         Args:
             at: The reference and the error, in scalars.

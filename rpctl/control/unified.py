@@ -15,27 +15,27 @@ from rpctl.files.records import POSITIVE, POSITIVE_OR_NONE, WITHIN, Setting
 
 @dataclass(frozen=True, kw_only=True)
 class UnifiedKinematic(BaseLaw):
-    """The paper's law with a lateral error that is predicted to second order.
+    """The paper's kinematic law with a second-order prediction of the lateral error.
 
-    A turn shows in the lateral error only in its second derivative. With d = ω_d − ω_r, the
-    reference's speed v taken as steady over the horizon h, and x1 left to its own output,
+    The turning rate affects the lateral error only through its second derivative. With
+    d = ω_d − ω_r, a constant reference speed v over the horizon h, and x1 left to its own output,
 
         x2 + h ẋ2 + ½ h² ẍ2 = p2 − a d,    p2 = x2 + h v sin x3,    a = ½ h² v cos x3
         x3 + h ẋ3           = x3 − h d
 
-    One input cannot make both vanish, so the weights count: J = ½ W2 (p2 − a d)² + ½ W3 (x3 − h d)²
+    One input cannot make both zero, so the weights matter: J = ½ W2 (p2 − a d)² + ½ W3 (x3 − h d)²
     is least at
 
         d = (a p2 + w h x3)/(a² + w h²),    w = W3/W2
 
     and v_d follows from the output x1 − β s x2 as in the paper's law, with the smooth sign
-    s = ω_r/√(ω_r² + κ² v_r²): it passes through zero where a curve changes its side, but is ±1 on a
-    spin however slow, where no other term moves the lateral error. At rest the reference's
-    direction decides, so s does not jump when a motion starts.
+    s = ω_r/√(ω_r² + κ² v_r²): it passes through zero where the curvature changes sign, but is ±1 on
+    any spin, where no other term reduces the lateral error. At rest the reference's direction
+    determines s, so that s does not jump when a motion starts.
 
-    Facing more than a right angle away, a turn to the reference would come out as one to the other
-    side: a is 0 there, and the heading turns back as in the paper's law. With that v a ≥ 0, and the
-    reference is the only equilibrium; with a's own sign there are others, facing away from it.
+    If |x3| exceeds a right angle, a would have the wrong sign and the robot would turn away; a is 0
+    there, and the heading error decays as in the paper's law. Then v a ≥ 0, and the reference is
+    the only equilibrium; without this there are others, which face away from it.
 
     Near the reference d = K2 x2 + K3 x3 with
 
@@ -46,9 +46,9 @@ class UnifiedKinematic(BaseLaw):
     (v, ω) ≠ 0: forward, reverse and spin alike. On a line the sampled law (zero-order hold) is
     stable for T < 2/K3, which lies between h and 2h; on a spin it is the paper's.
 
-    A term ½ h² v̇ sin x3 in p2 would foresee changes of the speed, but ν̇_d would then need v̈, which
-    a reference does not give. On figure-eights of 6 to 20 s a lap it changed the rms error by less
-    than 1 %.
+    A term ½ h² v̇ sin x3 in p2 would account for changes of the speed, but ν̇_d would then need v̈,
+    which a reference does not contain. On figure-eights of 6 to 20 s per lap the term changed the
+    rms error by less than 1 %.
     """
 
     horizon: Annotated[
@@ -89,7 +89,7 @@ class UnifiedKinematic(BaseLaw):
     approach: Approach | None = field(default_factory=Approach)
 
     def unicycle(self, at: Tracking) -> tuple[Any, Any]:
-        """Return the speed and the turning rate to ask of a base that cannot move sideways."""
+        """Return the desired speed (m/s) of P and turning rate (rad/s), two scalars."""
         h: Any = self.horizon
         sheet, w, v = at.sheet, self.weight, at.twist[0]
         _, x2, x3 = at.e

@@ -51,25 +51,25 @@ STOPPING_TIME = 0.3  # s: time constant with which a controlled stop ends the mo
 
 @dataclass(frozen=True, kw_only=True)
 class VelocityOutput(Record):
-    """Speeds for a robot whose speeds follow their commands late.
+    """The output of a controller whose robot takes speeds and follows them with a lag.
 
-    The model is T ν̇(t) = c(t − T_d) − ν(t): each quasi-velocity is a lag T of first order behind
-    its command, and all of them a dead time T_d. At each sample
+    The model is T ν̇(t) = c(t − T_d) − ν(t): each quasi-velocity follows its command c with a
+    first-order lag T after a dead time T_d. At each sample
 
-    - the measured state is predicted over T_d. All commands that act until then have been sent, so
-      for this model the prediction is exact;
-    - the kinematic law is evaluated there: at t + T_d, on the predicted q and ν;
-    - the lag is inverted along the motion, c = ν_d + (T + ½ T_s) ν̇_d. The second term makes up for
-      the command that is held for a period T_s. Then ν − ν_d decays as exp(−t/T), and a reference
-      is followed as by a robot that takes ν_d at once;
+    - the controller predicts the state over T_d. All commands that act until then have been sent,
+      so the prediction is exact for this model;
+    - it evaluates the kinematic law there: at t + T_d, for the predicted q and ν;
+    - it inverts the lag along the motion, c = ν_d + (T + ½ T_s) ν̇_d, where ½ T_s compensates that
+      the command is held for a period T_s. Then ν − ν_d decays as exp(−t/T), and the robot follows
+      a reference like one that realises ν_d at once;
     - :class:`~rpctl.control.speed_limits.SpeedLimits` bounds c.
 
-    Where dead times differ, base and arm are each predicted over their own, and follow what the
-    reference is then. ``groups`` say in what form the speeds are sent.
+    If their dead times differ, base and arm are predicted over their own, and follow the reference
+    at those times. ``groups`` define the form in which the speeds are sent.
 
-    T and T_d are what was told until measured speeds contradict it, then what these say, see
-    :class:`~rpctl.control.lag_estimate.LagEstimate`. Until then a wrong T leaves a loop that is
-    only less exact, as the measured ν enters the prediction.
+    T and T_d are the declared ones until measured speeds contradict them, then the identified ones,
+    see :class:`~rpctl.control.lag_estimate.LagEstimate`. A wrong T makes the loop less accurate
+    only, because the measured ν enters the prediction.
     """
 
     lag: Annotated[
@@ -132,7 +132,7 @@ class VelocityOutput(Record):
     ] = field(default_factory=dict)
 
     def on(self, robot: Robot) -> VelocityOutput:
-        """Return the same with what its groups say, by name of the quasi-velocity.
+        """Return the output with the settings of its groups, by name of the quasi-velocity.
 
         Raises:
             RpctlError: A group does not fit the robot.
@@ -151,41 +151,41 @@ class VelocityOutput(Record):
         *,
         running: RunningLaws | None = None,
     ) -> VelocityController:
-        """Return the output of one run; before it, commands were zero.
+        """Return the controller of the output for one run; commands before it count as zero.
 
         Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
+            dynamics: The dynamics of the controller's model.
             period: Control period, s.
             rest: Not used.
-            running: The kernel, if it is part of one that has a kinematic law as well.
+            running: The kernel of both laws, if it exists already.
 
         Raises:
-            UnknownNameError: A lag or an acceleration is of no quasi-velocity of the robot.
+            UnknownNameError: A lag or an acceleration names no quasi-velocity of the robot.
         """
         running = running or running_laws(None, self, dynamics, period, None)
         return VelocityController(self, dynamics, period, running)
 
     def numbers_on(self, known: ReducedDynamics, period: float) -> dict[str, Any]:
-        """Return the numbers among the settings that are inputs: how late the robot is.
+        """Return the settings that are inputs of the kernel, by name: lags and dead times, s.
 
         Args:
             known: The robot's dynamics.
             period: Control period, s.
 
         Raises:
-            UnknownNameError: A lag is of no quasi-velocity of the robot.
+            UnknownNameError: A lag names no quasi-velocity of the robot.
         """
         return Lateness.of(self.lag_of(known.robot.quasi_velocities), period)._asdict()
 
     def structure(self, robot: Robot) -> object:
-        """Return what of the settings is compiled in on a robot: all but lags and dead time."""
+        """Return a value that identifies the machine code on a robot, without lag and dead time."""
         return replace(self, lag=0.0, dead_time=0.0, lags={}, dead_times={}, groups={})
 
     def statements(self, frame: LawFrame) -> LawFragment:
-        """Return the statements that make speeds of the frame's command.
+        """Return the kernel statements that compute speeds from the frame's command.
 
         Raises:
-            UnknownNameError: An acceleration is of no quasi-velocity of the robot.
+            UnknownNameError: An acceleration names no quasi-velocity of the robot.
         """
         robot, period, sample, late = frame.known.robot, frame.period, frame.sample, frame.s
         bounds = self.accelerations, self.effort_ratio, self.speeds, self.jerks
@@ -197,7 +197,7 @@ class VelocityOutput(Record):
         return frame.answered("law_speeds", nu, within.labels, binding, model)
 
     def sent_efforts(self, robot: Robot) -> tuple[str, ...]:
-        """Return the joints that are sent efforts."""
+        """Return the names of the joints that take efforts."""
         groups = members(self.groups, robot) if self.groups else {}
         return tuple(n for group, names in groups.values() if group.kind == EFFORT for n in names)
 
@@ -205,7 +205,7 @@ class VelocityOutput(Record):
         """Return T (dof,) of quasi-velocities by their names, s.
 
         Raises:
-            UnknownNameError: A lag is of none of them.
+            UnknownNameError: A lag names none of them.
         """
         return lags_by_name(quasi_velocities, self.lag, self.lags)
 
@@ -213,7 +213,7 @@ class VelocityOutput(Record):
         """Return T_d (dof,) of quasi-velocities by their names, s.
 
         Raises:
-            UnknownNameError: A dead time is of none of them.
+            UnknownNameError: A dead time names none of them.
         """
         return lags_by_name(quasi_velocities, self.dead_time, self.dead_times)
 
@@ -226,7 +226,7 @@ def lags_by_name(names: tuple[str, ...], lag: float, lags: Mapping[str, float]) 
         lags: By name, s.
 
     Raises:
-        UnknownNameError: A lag is of none of them.
+        UnknownNameError: A lag names none of them.
     """
     require_known("quasi-velocity", lags, names)
     return np.array([lags.get(name, lag) for name in names])

@@ -117,21 +117,23 @@ def derive_law(
 ) -> DerivedLaw:
     """Write a kinematic law, its analytic ν̇_d and the dynamic law in closed form.
 
-    Settings are constants with names. The law is that near its reference: the stage for far starts
-    of bases that cannot turn on the spot remembers its way, and is left out.
+    Settings become named constants. The approach of bases that cannot turn on the spot has memory
+    and is left out, so the text is the law for small errors.
 
     Args:
         robot: The robot.
-        config: A :class:`rpctl.Config`, or the path of its TOML, of whose laws and period what is
-            given beside it wins.
-        kinematic: The name of a law that is a formula (``"unified"``, ``"own.py:MyLaw"``), or
-            such a law with settings of its own; ``"unified"`` if not given.
-        dynamic: ``"paper"``, which is the default, or that law with settings of its own.
-        format: ``"text"`` or ``"latex"`` to read; ``"python"`` or ``"c"``, code without
-            dependencies, without loops and without memory.
-        precision: Of the numbers in C, ``"double"`` or ``"float"``.
-        period: Control period, s, from which the joints' prediction times follow unless they are
-            set; 2 ms if not given.
+        config: A :class:`rpctl.Config`, or the path of its TOML file, with laws and period; the
+            other arguments take precedence.
+        kinematic: A law that is a formula, or its name (``"unified"``, ``"own.py:MyLaw"``);
+            default: ``"unified"``.
+        dynamic: :class:`rpctl.PaperDynamic`, or ``"paper"`` (default).
+        format: ``"text"`` or ``"latex"`` to read; ``"python"`` or ``"c"`` for code without
+            dependencies, loops and memory.
+        precision: Type of the numbers in C, ``"double"`` or ``"float"``.
+        period: Control period, s, on which default prediction times depend; default: 2 ms.
+
+    Returns:
+        ``text``, and for code ``operations``, the number of operations per sample.
 
     Raises:
         RpctlError: The laws have no closed form, or nothing drives the robot.

@@ -54,23 +54,23 @@ class Wheel:
 
     Attributes:
         joint: Name of its joint.
-        radius: Of the shape that touches the ground, m; see
+        radius: Radius of the shape that touches the ground, m; see
             :func:`rpctl.drive.wheel_size.wheel_size`.
-        source: Where the radius came from.
+        source: Source of the radius, in words.
         axis: Unit axle (3,) in the wheel joint's frame.
-        offset: Distance of the wheel's centre from the joint's origin along the axle, m; from
-            the same shape as the radius.
-        direction: Direction (x, y), in the root link's frame with all joints at 0, along which the
-            contact point stands still: forward for an ordinary wheel, along the roller for a
-            mecanum wheel, across the axle for an omni wheel.
+        offset: Distance of the wheel's centre from the joint's origin along the axle, m; from the
+            same shape as the radius.
+        direction: Direction (x, y) in the root link's frame, with all joints at 0, along which the
+            contact point has no velocity: forward for an ordinary wheel, along the roller for a
+            mecanum wheel, perpendicular to the axle for an omni wheel.
         driven: Whether its joint has an actuator.
-        swivel: Joint of the swivel that carries it; None where the root link does.
-        lateral: Distance of its contact to the left of its swivel's axis, m.
-        shift: Distance of its contact to the left of its centre, m: half the difference between
-            the effective track of a skid-steer drive and the wheels' own.
-        slides: Whether it may slide sideways: a ball, or a wheel off a differential's axle.
-        tyre: Radius of its tyre's section, m, of a wheel that leans: a torus; 0 of a thin disc.
-        why: Why it is a wheel, in words.
+        swivel: Joint of the swivel that carries it; None if the root link carries it.
+        lateral: Distance of its contact point to the left of its swivel's axis, m.
+        shift: Distance of its contact point to the left of its centre, m: half the difference
+            between the effective track of a skid-steer drive and the distance of its wheels.
+        slides: Whether it may slide sideways: a ball, or a wheel off the axle of a differential.
+        tyre: Radius of the tyre's circular section, m, for a wheel that leans; 0: a thin disc.
+        why: The reason why it counts as a wheel, in words.
     """
 
     joint: str
@@ -144,24 +144,24 @@ class Swivel:
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
-    """How a robot meets the ground.
+    """The wheels of a robot, its kind of drive, and the geometry of both.
 
     Attributes:
         type: One of ``DRIVE_TYPES``.
-        wheels: The wheels, front before rear and left before right, those of casters last.
-        point: P (x, y) in the root link's frame, m: the midpoint of the fixed-wheel axle, of a
-            skid-steer drive its centre of rotation.
-        heading: Angle of the forward direction in the root link's frame, rad: across the mean of
-            the leftward unit axles of the fixed wheels that do not slide.
-        track: Distance between the left and the right wheels' contact points, m; of a skid-steer
-            drive the effective one.
+        wheels: The wheels, front before rear and left before right; those of casters last.
+        point: P (x, y) in the root link's frame, m: the midpoint of the axle of the fixed wheels,
+            or the centre of rotation of a skid-steer drive.
+        heading: Angle of the forward direction in the root link's frame, rad: perpendicular to the
+            mean of the leftward unit axles of the fixed wheels that do not slide.
+        track: Distance between the left and the right wheels' contact points, m; for a skid-steer
+            drive the effective track.
         ground: Height of the ground in the root link's frame, m.
         swivels: The upright joints that carry wheels.
-        evidence: How the drive was found, in sentences.
-        doubts: The assumptions, and how to declare otherwise, in sentences.
-        declared: Numbers that the user gave instead of a shape, as ``"radius of JOINT"``,
-            ``"direction of JOINT"`` (a roller's angle), ``"track"``, ``"point"``; or ``"drive"``
-            for all of them.
+        evidence: Sentences on how the drive was detected.
+        doubts: Sentences on assumptions, and on how to declare something else.
+        declared: Names of numbers that come from the user and not from shapes: ``"radius of
+            JOINT"``, ``"direction of JOINT"`` (a roller's angle), ``"track"``, ``"point"``; or
+            ``"drive"`` for all.
     """
 
     type: str = field(kw_only=False)
@@ -187,23 +187,23 @@ class Drive:
 
     @property
     def followers(self) -> tuple[Swivel, ...]:
-        """The swivels that keep to the centre of rotation which the others fix."""
+        """The swivels that follow the centre of rotation which the other swivels determine."""
         return tuple(swivel for swivel in self.swivels if swivel.role == "follower")
 
     @property
     def trailers(self) -> tuple[Swivel, ...]:
-        """The hitches of trailers, each after what pulls it."""
+        """The hitches of trailers, each after the hitch that pulls it."""
         return tuple(swivel for swivel in self.swivels if swivel.role == "trailer")
 
     def chain(self, swivel: Swivel) -> tuple[Swivel, ...]:
-        """Return a swivel and those that carry it, from the root link outwards."""
+        """Return the chain of swivels from the root link to a swivel, itself included."""
         joints = {each.joint: each for each in self.swivels}
         above = () if swivel.parent is None else self.chain(joints[swivel.parent])
         return (*above, swivel)
 
     @property
     def idle_casters(self) -> tuple[Swivel, ...]:
-        """The trailers, and the casters that nothing drives: neither their joint nor a wheel."""
+        """The trailers, and the casters of which neither the swivel nor a wheel is driven."""
         powered = {wheel.swivel for wheel in self.wheels if wheel.driven}
         return tuple(
             swivel
@@ -214,36 +214,36 @@ class Drive:
 
     @property
     def powered_casters(self) -> tuple[Swivel, ...]:
-        """The casters whose joint or wheels have actuators."""
+        """The casters whose swivel or wheels have actuators."""
         idle = self.idle_casters
         return tuple(s for s in self.swivels if s.trails and s not in idle)
 
     @property
     def floor(self) -> float:
-        """Height of the ground in the world, m: a root link that stays level is at height 0."""
+        """Height of the ground in the world, m; a root link that stays level has height 0."""
         return 0.0 if self.leans else self.ground
 
     @property
     def leans(self) -> bool:
-        """Whether the root link pitches, rolls and rises: it is on a free-flyer."""
+        """Whether the root link can pitch, roll and rise: its joint is a free-flyer."""
         return self.type in LEANING
 
     @property
     def has_axle(self) -> bool:
-        """Whether P moves along the heading only."""
+        """Whether P can move only along the heading."""
         return self.type in TYPES_WITH_AXLE
 
     @property
     def omnidirectional(self) -> bool:
         """Whether the base can move in any direction.
 
-        An omni or mecanum drive and one on powered casters can at once, a swerve drive after its
-        wheels have turned.
+        An omni or mecanum drive and a base on powered casters can do so at once, a swerve drive
+        once its wheels have turned.
         """
         return bool(self.wheels) and not self.has_axle
 
     def carried(self, swivel: Swivel) -> tuple[int, ...]:
-        """Return the wheels (indices) that a swivel carries."""
+        """Return the indices in ``wheels`` of the wheels that a swivel carries."""
         return tuple(i for i, wheel in enumerate(self.wheels) if wheel.swivel == swivel.joint)
 
 

@@ -73,7 +73,7 @@ class LinearDynamics:
 
         Raises:
             RpctlError: M is not positive definite at q, or the state is not finite.
-            SingularBasisError: At q the steered wheels fix no one motion.
+            SingularBasisError: At q the steering angles do not determine a unique motion.
         """
         self._reduced.forward(q, nu, tau)  # it refuses
         return LinearModel(*(found.full() for found in self._function(q, nu, tau)))
@@ -124,11 +124,12 @@ def leaning_linear_dynamics(robot: LeaningRobot) -> LeaningLinearDynamics:
 
 
 def linearize(robot: Robot, q: Array, nu: Array, tau: Array) -> LinearModel:
-    """Return A and B of ẋ = A x + B u about a motion that passes (q, ν) under τ.
+    """Return A and B of ẋ = A x + B u about a motion through (q, ν) under τ.
 
-    x = (δq, δν), u = δτ. δq (nv,) is the tangent of Pinocchio: the root link's shift (x, y) in m
-    and turn in rad, in its own axes, then the positions of the joints in the order of
-    ``robot.model``, wheels included. δν (dof,) has the order of ``robot.quasi_velocities``.
+    x = (δq, δν), u = δτ. δq (nv,) is Pinocchio's tangent: the root link's shift (x, y) in m and
+    turn in rad, in its own axes (for a robot that leans, three shifts and three turns), then the
+    positions of the joints in the order of ``robot.model``, wheels included. δν (dof,) has the
+    order of ``robot.quasi_velocities``.
 
     Args:
         robot: The robot.
@@ -141,7 +142,7 @@ def linearize(robot: Robot, q: Array, nu: Array, tau: Array) -> LinearModel:
 
     Raises:
         RpctlError: M is not positive definite at q, or the state is not finite.
-        SingularBasisError: At q the steered wheels fix no one motion.
+        SingularBasisError: At q the steering angles do not determine a unique motion.
     """
     if isinstance(robot, LeaningRobot):
         return leaning_linear_dynamics(robot)(q, nu, tau)

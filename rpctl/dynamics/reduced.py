@@ -54,17 +54,20 @@ class Reactions(NamedTuple):
 class ReducedDynamics:
     """Pinocchio's dynamics projected onto the quasi-velocities.
 
-    With v = S ν: M = SᵀM(q)S, h = Sᵀ rnea(q, Sν, Ṡν), B = Sᵀ times the actuators' columns. This
-    is [MS21, Eq. 5] (its Re is −h) for any drive. ℓ = Sᵀ times the forces of ``robot.losses``; the
-    paper's robot has none. Threads may share the object.
+    With v = S ν the equations of motion are M ν̇ + h = B τ + ℓ, where M = Sᵀ crba(q) S,
+    h = Sᵀ rnea(q, Sν, Ṡν), and B is Sᵀ times the actuators' columns. This is [MS21, Eq. 5] (its Re
+    is −h) for any drive. ℓ is Sᵀ times the forces of ``robot.losses``; the paper's robot has none.
+    Several threads may share the object. For a robot that leans, the class returns its subclass
+    :class:`LeaningDynamics`.
 
     Args:
         robot: The robot.
-        gliding: Joints of swivels that glide: the ground does nothing to them, they keep their
-            angle and their wheels do not roll; only their mass counts.
+        gliding: Joints of swivels that glide: they keep their angle, their wheels do not roll and
+            have no ground forces; only their mass matters.
 
     Attributes:
-        columns: Map (nv, n_act) from the actuators' efforts to their generalised force.
+        robot: The robot.
+        columns: Map (nv, n_act) from the actuators' efforts to generalised forces of v.
     """
 
     def __new__(cls, robot: Robot, *, gliding: Collection[str] = ()) -> ReducedDynamics:
@@ -84,7 +87,7 @@ class ReducedDynamics:
         """The rolling constraints of a robot whose root link stays level.
 
         Raises:
-            RpctlError: It leans.
+            RpctlError: The robot leans.
         """
         self.robot.require_level()
         return self._projector.rolling  # type: ignore[union-attr]
@@ -96,35 +99,40 @@ class ReducedDynamics:
 
     @property
     def data(self) -> pin.Data:
-        """The thread's workspace of Pinocchio: what it holds, until the next call."""
+        """Pinocchio's workspace of this thread; the next call overwrites it."""
         return self._workspace.data
 
     def at(self, q: Array) -> Projection:
         """Return S, the drift Ṡν, A and B at q (nq,).
 
         Raises:
-            SingularBasisError: At q the steered wheels fix no one motion; their joints are named.
+            SingularBasisError: At q the steering angles do not determine a unique motion; the
+                message names their joints.
         """
         return self._projector.at(q)
 
     def basis(self, q: Array) -> Array:
-        """Return S(q) (nv, dof): v = S ν, A S = 0."""
+        """Return S(q) (nv, dof): v = S ν, A S = 0.
+
+        Raises:
+            SingularBasisError: As :meth:`at`.
+        """
         return self.at(q).S
 
     def basis_drift(self, q: Array, nu: Array) -> Array:
-        """Return Ṡν (nv,): the part of v̇ = S ν̇ + Ṡν that the motion itself brings."""
+        """Return the drift Ṡν (nv,) in v̇ = S ν̇ + Ṡν, m/s² or rad/s²."""
         return self.at(q).drift(nu)
 
     def constraint(self, q: Array) -> Array:
-        """Return A(q) (rows, nv): A v = 0."""
+        """Return A(q) (rows, nv) with A v = 0: rolling without slipping, mimic joints."""
         return self.at(q).A
 
     def actuation(self, q: Array) -> Array:
-        """Return B(q) (dof, n_act)."""
+        """Return B(q) (dof, n_act), which maps τ to quasi-forces."""
         return self.at(q).B
 
     def integrate(self, q: Array, v: Array) -> Array:
-        """Return q (nq,) moved along v (nv,) for a time of 1, its wheels on the ground."""
+        """Return q (nq,) moved along v (nv,) for a time of 1 s, with the wheels on the ground."""
         moved = np.asarray(pin.integrate(self._model, q, v))
         return self._projector.settle(moved)
 
@@ -133,21 +141,21 @@ class ReducedDynamics:
         return self._projector.dexpinv(slide, v)
 
     def twist(self, q: Array, nu: Array) -> Array:
-        """Return the base's twist (3,) at ν: P's speed forward and left (m/s), turning rate."""
+        """Return the twist of P (3,) at ν: speed forward and left (m/s), turning rate (rad/s)."""
         return np.asarray(self.at(q).twist @ nu)
 
     def inertia(self, q: Array) -> Array:
-        """Return M(q) (dof, dof), symmetric positive definite."""
+        """Return M(q) (dof, dof), symmetric positive definite; kg, kg·m or kg·m²."""
         S = self.basis(q)
         M = S.T @ pin.crba(self._model, self._workspace.data, q) @ S
         return 0.5 * (M + M.T)
 
     def bias(self, q: Array, nu: Array) -> Array:
-        """Return h(q, ν) (dof,): Coriolis, centrifugal and gravity terms."""
+        """Return h(q, ν) (dof,), N or N·m: Coriolis, centrifugal and gravity terms."""
         return self._inertial(q, nu, np.zeros(self.robot.dof))
 
     def losses(self, q: Array, nu: Array) -> Array:
-        """Return ℓ(q, ν) (dof,), the quasi-force of damping and friction; it opposes the motion."""
+        """Return ℓ(q, ν) (dof,), N or N·m: the quasi-force of damping and friction, against ν."""
         if self._losses is None:
             return np.zeros(self.robot.dof)
         S = self.at(q).S
@@ -156,7 +164,7 @@ class ReducedDynamics:
     def inverse(
         self, q: Array, nu: Array, nu_dot: Array, *, lossy_nu: Array | None = None
     ) -> Array:
-        """Return the quasi-force M ν̇ + h − ℓ (dof,) that a motion takes of the actuators.
+        """Return the quasi-force M ν̇ + h − ℓ (dof,), N or N·m, that a motion needs.
 
         M ν̇ + h is ∂G/∂ν̇ of the Gibbs function ([MS21, Eq. 1-3]).
 
@@ -164,9 +172,9 @@ class ReducedDynamics:
             q: Configuration (nq,).
             nu: Quasi-velocities (dof,).
             nu_dot: Their derivatives (dof,).
-            lossy_nu: Quasi-velocities (dof,) at which the losses are taken; None: at ν. A
-                controller gives those that it wants: where its robot has others, the difference
-                brakes it towards them, as ℓ falls with ν.
+            lossy_nu: Quasi-velocities (dof,) at which the losses are evaluated; None: at ν. A
+                controller gives the desired ones: since ℓ decreases with ν, the difference to the
+                actual losses reduces the velocity error.
 
         Raises:
             RpctlError: The state is not finite.
@@ -194,7 +202,7 @@ class ReducedDynamics:
             q: Configuration (nq,).
             nu: Quasi-velocities (dof,).
             tau: Actuator efforts (n_act,), N·m or N.
-            outside: Quasi-force (dof,) of what pushes the robot from outside; None: nothing.
+            outside: Quasi-force (dof,) of external forces, N or N·m; None: zero.
 
         Raises:
             RpctlError: M is not positive definite at q, or the state is not finite.
@@ -212,13 +220,13 @@ class ReducedDynamics:
     def rates(
         self, q: Array, nu: Array, tau: Array, *, outside: Array | None = None
     ) -> tuple[Array, Array, float]:
-        """Return v (nv,), ν̇ (dof,) and the power (W) of what drives.
+        """Return v (nv,), ν̇ (dof,) and the power (W) of τ and ``outside``.
 
         Args:
             q: Configuration (nq,).
             nu: Quasi-velocities (dof,).
             tau: Actuator efforts (n_act,), N·m or N.
-            outside: As :meth:`forward` takes it.
+            outside: As in :meth:`forward`.
         """
         at = self.at(q)
         power = nu.dot(at.B.dot(tau)) + (0.0 if outside is None else nu.dot(outside))
@@ -250,7 +258,7 @@ class ReducedDynamics:
     def stepped(
         self, q: Array, nu: Array, tau: Array, dt: float
     ) -> tuple[Array, Array, float, float] | None:
-        """Return q, ν, work and loss after a step, where machine code has them; else None.
+        """Return q, ν, work (J) and loss (J) after a step by machine code; None without it.
 
         Args:
             q: Configuration (nq,).
@@ -265,16 +273,16 @@ class ReducedDynamics:
         return RpctlError(f"{self.robot.name}: the state ({what}) is not finite, or out of range")
 
     def placements(self, q: Array) -> pin.Data:
-        """Return the thread's workspace with the joints' placements at q, until its next call."""
+        """Return Pinocchio's workspace with the placements at q (nq,), until the next call."""
         data: pin.Data = self._workspace.data
         pin.forwardKinematics(self._model, data, q)
         return data
 
     def jacobian(self, q: Array, link: str) -> Array:
-        """Return J (6, dof) of a link: its velocity is J ν, where wheels roll without slipping.
+        """Return the Jacobian J (6, dof) of a link: its velocity is J ν if wheels do not slip.
 
-        Three rows are the velocity of the link's origin (m/s), three its angular velocity (rad/s),
-        along the world's axes.
+        The first three rows are the velocity of the link's origin (m/s), the last three its angular
+        velocity (rad/s), along the world's axes.
 
         Args:
             q: Configuration (nq,).
@@ -282,12 +290,14 @@ class ReducedDynamics:
 
         Raises:
             UnknownNameError: The link is not known.
-            SingularBasisError: At q the steered wheels fix no one motion.
+            SingularBasisError: As :meth:`at`.
         """
         return np.asarray(self.tree_jacobian(q, link) @ self.basis(q))
 
     def tree_jacobian(self, q: Array, link: str) -> Array:
-        """Return J (6, nv) of a link in the tree without its wheels' constraints.
+        """Return the Jacobian J (6, nv) of a link in the tree: its velocity is J v.
+
+        The rows are those of :meth:`jacobian`.
 
         Args:
             q: Configuration (nq,).
@@ -308,20 +318,20 @@ class ReducedDynamics:
     def reaction(
         self, q: Array, nu: Array, tau: Array, *, outside: OutsideForce | None = None
     ) -> tuple[Array, Array]:
-        """Return what the ground does to the robot while it moves under τ.
+        """Return the ground's forces on the robot while it moves under τ.
 
         Args:
             q: Configuration (nq,).
             nu: Quasi-velocities (dof,).
             tau: Actuator efforts (n_act,), N·m or N.
-            outside: What pushes the robot besides; None: nothing.
+            outside: External forces; None: none.
 
         Returns:
-            The constraints' generalized force Aᵀλ = M v̇ + h − B τ − ℓ of the whole tree (nv,), and
+            The constraints' generalised force Aᵀλ = M v̇ + h − B τ − ℓ of the whole tree (nv,), and
             the wrench through the planar root (6,): force (N), then moment (N·m) about the root
             link's origin, in the root link's axes. The wrench is the rate of the robot's momentum
-            less gravity's share ([F08, Ch. 5]), so it has what the planar joint hides: the
-            vertical force, the roll and the pitch moment.
+            minus the part of gravity ([F08, Ch. 5]), so it contains what the planar joint hides:
+            vertical force, roll and pitch moment.
         """
         at = self.at(q)
         push = None if outside is None else at.S.T @ outside.push
@@ -339,13 +349,13 @@ class ReducedDynamics:
     def reactions(
         self, q: Array, nu: Array, tau: Array, *, outside: OutsideForce | None = None
     ) -> Reactions:
-        """Return what the ground does to the robot at K states, and its energy there.
+        """Return the ground's forces on the robot at K states, and its energy there.
 
         Args:
             q: Configurations (K, nq).
             nu: Quasi-velocities (K, dof).
             tau: Actuator efforts (K, n_act), N·m or N.
-            outside: What pushes the robot besides, (K, nv) and (K, 6); None: nothing.
+            outside: External forces, (K, nv) and (K, 6); None: none.
         """
         rows = self._projector.rows
         sizes = ((self.robot.nv,), (self.robot.nv,), (6,), (), (rows,))
@@ -359,19 +369,19 @@ class ReducedDynamics:
         return found
 
     def energy(self, q: Array, nu: Array) -> float:
-        """Return kinetic plus potential energy, J; the latter is 0 at the root link's height."""
+        """Return kinetic plus potential energy, J; the latter is zero at the root link's height."""
         data = self._workspace.data
         kinetic = pin.computeKineticEnergy(self._model, data, q, self.basis(q) @ nu)
         return float(kinetic + pin.computePotentialEnergy(self._model, data, q))
 
     def efforts(self, q: Array, quasi_force: Array) -> Array:
-        """Return τ (n_act,) with B τ = ``quasi_force``.
+        """Return τ (n_act,), N·m or N, with B τ = ``quasi_force`` (dof,).
 
-        Where actuators outnumber quasi-velocities, it is the τ of least effort relative to the
-        actuators' limits (limits that the URDF leaves out count as 1).
+        If there are more actuators than quasi-velocities, this is the τ of smallest norm relative
+        to the actuators' limits (missing limits count as 1).
 
         Raises:
-            ActuationError: B lacks full row rank; the undriven quasi-velocities are named.
+            ActuationError: B lacks full row rank; the message names the undriven quasi-velocities.
         """
         return np.asarray(self.at(q).allocation @ quasi_force)
 

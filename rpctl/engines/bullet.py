@@ -1,4 +1,4 @@
-"""PyBullet as the referee asks it: what it loads, by default and mended."""
+"""PyBullet as an engine of the referee, by default and mended."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from rpctl.engines.engine import (
 )
 from rpctl.engines.urdf_engine import Point, UrdfEngine, UrdfRun
 from rpctl.errors import EngineMissing
-from rpctl.libraries import library
+from rpctl.libraries import install_command, library
 from rpctl.robot.coordinates import level_pose
 from rpctl.robot.model import Robot
 
@@ -33,7 +33,7 @@ DEFAULT_STEP = 1.0 / 240.0  # s
 MENDED_STEP = DEFAULT_STEP / 8.0  # s
 SOLVER_ITERATIONS = 500  # a step; 50 by default
 RESIDUAL = 1e-12  # at which the solver stops
-SINK_M = 1e-4  # by which a mended contact yields under its part of the weight
+SINK_M = 1e-4  # m: how far a mended contact sinks under its part of the weight
 GEAR_ERP = 0.5  # share of a mimic joint's error that a step takes away
 GEAR_FORCE = 1e4  # N·m or N: a mimic joint gives way above it
 PLANE_FRICTION = 1.0  # of plane.urdf; PyBullet multiplies the coefficients of a pair
@@ -48,9 +48,9 @@ DIALECT = Dialect(
 
 @contextmanager
 def captured() -> Iterator[list[str]]:
-    """Let nothing reach the descriptors of stdout and stderr; the lines are in the list at the end.
+    """Capture what is written to the descriptors of stdout and stderr; yield the list of lines.
 
-    Python's own writing is flushed before and after, so that it is neither lost nor moved.
+    Python's own output is flushed before, so that it is neither lost nor reordered.
     """
     lines: list[str] = []
     for stream in (sys.stdout, sys.stderr):
@@ -74,23 +74,23 @@ def load_pybullet() -> Any:
     """Return a client of PyBullet with a world of its own.
 
     Raises:
-        EngineMissing: It is not installed.
+        EngineMissing: PyBullet is not installed.
     """
     try:
-        with captured():  # it prints when it was built
+        with captured():  # it prints its build time
             return library("pybullet_utils.bullet_client").BulletClient(library("pybullet").DIRECT)
     except ImportError as error:
-        raise EngineMissing(f"PyBullet: {error}; pip install 'rpctl[bullet]'") from error
+        raise EngineMissing(f"PyBullet: {error}; run {install_command('bullet')}") from error
 
 
 class BulletRun(UrdfRun):
-    """A client of PyBullet with a plane and one robot, from its start on.
+    """A client of PyBullet with a plane and one robot.
 
     Args:
         robot: The robot.
         q: Configuration (nq,).
-        mended: What is mended.
-        friction: Between wheels and ground, where ``friction`` is mended.
+        mended: The mended switches.
+        friction: Coefficient of friction between wheels and ground if ``friction`` is mended.
 
     Raises:
         EngineFault: PyBullet refuses the robot.
@@ -163,7 +163,7 @@ class BulletRun(UrdfRun):
             self._gear()
 
     def _gear(self) -> None:
-        """Tie mimic joints to those that they follow."""
+        """Tie mimic joints to the joints that they follow."""
         p, numbers, origin = self._p, self._numbers, (0.0, 0.0, 0.0)
         for joint in self.robot.mimics:
             if joint.mimic is None or joint.mimic.joint not in numbers:
@@ -179,7 +179,7 @@ class BulletRun(UrdfRun):
             )
 
     def exert(self, efforts: Mapping[str, float]) -> None:
-        """Go on to ``t`` under efforts (N·m or N, by joint)."""
+        """Simulate until ``t`` under efforts (N·m or N, by joint)."""
         numbers, forces = [self._numbers[name] for name in efforts], list(efforts.values())
         self._p.setJointMotorControlArray(
             self._body, numbers, self._p.TORQUE_CONTROL, forces=forces
@@ -193,9 +193,10 @@ class BulletRun(UrdfRun):
         return {name: (row[0], row[1]) for name, row in zip(names, rows, strict=True)}
 
     def _inertial(self, number: int) -> tuple[LinkMotion, float, Array, Array, Array]:
-        """Return how a link's inertial frame moves, its mass, moments (3,), and pose in the link.
+        """Return the motion of a link's inertial frame, its mass, moments, place and axes.
 
-        That is the place (3,) of the centre of mass and the principal axes (3, 3).
+        Mass in kg, moments of inertia (3,) in kg·m², the centre of mass (3,) in the link's frame,
+        m, and the principal axes (3, 3).
         """
         p = self._p
         if number < 0:
@@ -209,7 +210,7 @@ class BulletRun(UrdfRun):
         return motion, float(info[0]), np.array(info[2]), np.array(info[3]), _rotation(info[4])
 
     def motion(self, link: str) -> LinkMotion:
-        """Return how a link's frame moves; PyBullet tells of its centre of mass."""
+        """Return the motion of a link's frame, from that of its centre of mass."""
         of, _, _, centre, axes = self._inertial(self._links[link])
         rotation = of.rotation @ axes.T
         arm = -rotation @ centre
@@ -243,8 +244,8 @@ SAID = {
         "give the wheels <sphere> as <collision>, of the wheels' radius",
     ),
     "caster": (SUPPORTS_HOLD, "call changeDynamics(body, support, lateralFriction=0)"),
-    # The pyramid that stands for the cone lies along the world's axes: it is right while nothing
-    # slips, and steers what slips towards them.
+    # The pyramid that approximates the cone lies along the world's axes: it is exact while nothing
+    # slips, and turns slip towards these axes.
     "cone": (
         "its implicit friction cone lets the wheels of an axle push against each other until"
         " they slip",
@@ -277,23 +278,23 @@ SAID = {
 
 
 class BulletEngine(UrdfEngine):
-    """PyBullet, as ``loadURDF`` with its defaults leaves a robot."""
+    """PyBullet, with a robot as ``loadURDF`` loads it by default."""
 
     name, tick, run, said = "PyBullet", DEFAULT_STEP, BulletRun, SAID
     module, distribution, extra = "pybullet", "pybullet", "bullet"
 
     def own_switches(self, robot: Robot) -> Iterator[Switch]:
-        """Yield the switches that the robot has words for."""
+        """Yield the switches whose words depend on the robot."""
         massless = [link.name for link in robot.description.links if link.mass is None]
         root = robot.description.link[robot.description.root]
         guess = "it guesses inertias from collision shapes"
         if massless:
-            guess += f", gives {massless[0]}, which has none, a mass of 1 kg"
+            guess += f", gives {massless[0]}, which has no <inertial>, a mass of 1 kg"
         if root.mass == 0.0:
-            guess += f", fixes the robot to the world since {root.name} has no mass"
+            guess += f", fixes the robot to the world because {root.name} has no mass"
         setting = "load it with flags=URDF_USE_INERTIA_FROM_FILE"
         if massless or root.mass == 0.0:
-            setting += ", the root's own mass in <inertial>, and mass 0 where a fixed link has none"
+            setting += ", give the root link a mass in <inertial>, and massless fixed links mass 0"
         yield Switch("inertia", guess, setting)
         if robot.mimics or robot.drive.followers:
             yield Switch(

@@ -1,4 +1,4 @@
-"""The comparison of an engine with another: every gap with its band, and what it looks like."""
+"""The comparison of an engine with the reduced model: each gap with its band, and in words."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from rpctl.engines.recording import EngineRecording
 from rpctl.equivalence.contact.trial import span, travelled
 from rpctl.robot.model import Robot
 
-# Mended engines keep within these wherever they were run over the catalogue, but for the rear
-# casters of tiago_dual in MuJoCo, which flick round; a fault that a user sees in an animation, a
-# few percent of a way or an angle, breaks them.
+# Mended engines stay within these bands on every robot of the catalogue, except for the rear
+# casters of tiago_dual in MuJoCo, which flip over. A fault that a user sees in an animation, a few
+# percent of a distance or of an angle, exceeds them.
 PATH_BAND, PATH_BAND_FLOOR_M = 0.01, 3e-3  # of the way; m
 HEADING_BAND, HEADING_BAND_FLOOR = 0.01, 5e-3  # of the angle turned; rad
 SLIP_BAND, SLIP_BAND_FLOOR = 0.03, 5e-3  # of the largest speed; m/s
@@ -29,9 +29,9 @@ LOAD_BAND = 0.03  # of the weight
 CENTRE_BAND = 0.02  # of the distance between the outermost contacts
 TURN_BAND, SLIDE_BAND_M = 0.01, 2e-3  # rad, m: of joints with a servo, or tied to another
 ENERGY_BAND = 0.03  # of the work done by the efforts, without signs
-STRAIGHT = 0.05  # rad: who turns less goes straight
-STUCK = 0.02  # of a way or an angle: who does less does nothing
-LENGTH_RATIO = 0.5  # of the gap of two paths: from there it is their length that differs
+STRAIGHT = 0.05  # rad: a robot that turns less goes straight
+STUCK = 0.02  # of a distance or an angle: a robot that does less does nothing
+LENGTH_RATIO = 0.5  # of the gap of two paths: above it the lengths of the paths differ
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,10 @@ class EngineGap:
 
     Attributes:
         name: The kind.
-        gap: With its sign; infinite where an engine could not go on.
+        gap: The signed gap; infinite if an engine could not go on.
         band: Largest gap allowed.
         unit: ``"m"``, ``"rad"``, ``"m/s"``, ``"N"`` or ``"J"``.
-        words: What it looks like: ``"turns 12 % too little"``.
+        words: A description: ``"turns 12 % too little"``.
     """
 
     name: str
@@ -54,12 +54,12 @@ class EngineGap:
 
     @property
     def ratio(self) -> float:
-        """The gap in units of its band; infinite where it is no number."""
+        """The size of the gap in units of its band; infinite if it is NaN."""
         return abs(self.gap) / self.band if self.band > 0.0 and self.gap == self.gap else math.inf
 
     @property
     def agrees(self) -> bool:
-        """Whether it stays within the band."""
+        """Whether the gap is within the band."""
         return self.ratio <= 1.0
 
     def to_dict(self) -> dict[str, Any]:
@@ -79,11 +79,11 @@ def compare(
 
     Args:
         robot: The robot.
-        contacts: How it stands.
-        model: What it should do.
-        engine: What it did.
-        slack: How far dry friction may hold joints off what their servo wants, rad or m, by name:
-            engines differ in its law at rest.
+        contacts: The robot's contacts with the ground.
+        model: The recording of the reduced model.
+        engine: The recording of the engine.
+        slack: By joint name, how far dry friction may hold a joint off its servo's set point, rad
+            or m: engines have different laws of friction at rest.
     """
     if engine.fault:
         return (EngineGap("run", math.inf, 1.0, "", engine.fault),)
@@ -104,7 +104,7 @@ def _more(gap: float, more: str, less: str) -> str:
 
 
 def _stance(robot: Robot, model: EngineRecording, engine: EngineRecording) -> Iterator[EngineGap]:
-    """Yield how it stands: leaning, sinking, hopping, creeping before it is driven."""
+    """Yield the gaps of the stance: tilt, height, hop, and creep before the robot is driven."""
     lean = _largest(engine.tilt - model.tilt)
     yield EngineGap("tilt", lean, TILT_BAND, "rad", f"leans {_degrees(lean)}")
     sunk = engine.sunk - model.sunk
@@ -147,7 +147,7 @@ def _path_words(model: EngineRecording, engine: EngineRecording, k: int, gap: fl
     turn = float(model.pose[k, 2])
     x, y = (engine.pose - model.pose)[k, :2]
     left = -math.sin(turn) * x + math.cos(turn) * y
-    return f"gets {_mm(gap)} off the path, to the {_more(left, 'left', 'right')}"
+    return f"leaves the path by {_mm(gap)}, to the {_more(left, 'left', 'right')}"
 
 
 def _slip(robot: Robot, model: EngineRecording, engine: EngineRecording) -> Iterator[EngineGap]:
@@ -166,7 +166,7 @@ def _slip(robot: Robot, model: EngineRecording, engine: EngineRecording) -> Iter
 def _loads(
     robot: Robot, contacts: Contacts, model: EngineRecording, engine: EngineRecording
 ) -> Iterator[EngineGap]:
-    """Yield the loads, or their centre where statics do not fix them."""
+    """Yield the gap of the loads; if statics do not determine them, of their sum and centre."""
     band = LOAD_BAND * robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
     gaps, bearers = engine.load - model.load, [f"{name} bears" for name in contacts.names]
     if not contacts.determinate:
@@ -178,11 +178,13 @@ def _loads(
     if not contacts.determinate:
         shift = float(np.hypot(*(_centre(contacts, engine) - _centre(contacts, model)).T).max())
         band = CENTRE_BAND * span(contacts)
-        yield EngineGap("load centre", shift, band, "m", f"the load's centre is {_mm(shift)} off")
+        yield EngineGap(
+            "load centre", shift, band, "m", f"the centre of the loads is off by {_mm(shift)}"
+        )
 
 
 def _centre(contacts: Contacts, recording: EngineRecording) -> Array:
-    """Return where the loads balance (n, 2), contacts taken where they are at the start, m."""
+    """Return the centre of the loads (n, 2), m, with the contacts where they are at the start."""
     total = np.maximum(recording.load.sum(axis=1), contacts.floor)
     return np.asarray(recording.load @ contacts.points / total[:, None])
 
@@ -190,7 +192,7 @@ def _centre(contacts: Contacts, recording: EngineRecording) -> Array:
 def _joints(
     robot: Robot, model: EngineRecording, engine: EngineRecording, slack: Mapping[str, float]
 ) -> Iterator[EngineGap]:
-    """Yield the joint that is farthest off in units of its band, of those that are no wheels."""
+    """Yield the gap of the joint that is farthest off relative to its band, wheels left out."""
     casters = {swivel.joint for swivel in robot.drive.swivels if swivel.trails}
     free = casters | {wheel.joint for wheel in robot.drive.wheels}
     rows = []
@@ -202,7 +204,7 @@ def _joints(
         unit, band = ("m", SLIDE_BAND_M) if slides else ("rad", TURN_BAND)
         size = _mm(gap) if slides else _degrees(gap)
         band += slack.get(name, 0.0)
-        rows.append(EngineGap("joint", gap, band, unit, f"{name} is {size} off"))
+        rows.append(EngineGap("joint", gap, band, unit, f"{name} is off by {size}"))
     if rows:
         yield max(rows, key=lambda row: row.ratio)
 
@@ -212,7 +214,7 @@ def _energy(
 ) -> EngineGap:
     """Return the energy that is created, or lost beyond what the model loses.
 
-    A joint that friction may hold off its place goes another way: what that way costs is no gap.
+    A joint that friction may hold off its place takes another path: that energy is allowed for.
     """
     made = (engine.energy - engine.energy[0] - engine.work) - (
         model.energy - model.energy[0] - model.work
@@ -225,7 +227,7 @@ def _energy(
 
 
 def _lost(robot: Robot, name: str, recording: EngineRecording) -> float:
-    """Return what a joint's friction and damping take, J."""
+    """Return the energy that a joint's friction and damping dissipate, J."""
     damping, friction = joint_losses(robot, name)
     turns, times = np.diff(recording.joints[name]), np.diff(recording.t)
     return float(friction * np.abs(turns).sum() + (damping * turns**2 / times).sum())
@@ -235,7 +237,7 @@ READ_IN = {"m": ("mm", 1e3), "rad": ("°", math.degrees(1.0))}  # units that gap
 
 
 def gap_text(value: float, unit: str) -> str:
-    """Return a gap or a band as tables have it; a dash where an engine could not go on."""
+    """Return a gap or a band as text for a table; a dash if an engine could not go on."""
     if not math.isfinite(value):
         return "–"
     word, scale = READ_IN.get(unit, (unit, 1.0))

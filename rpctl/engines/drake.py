@@ -1,4 +1,4 @@
-"""Drake as the referee asks it: its multibody plant, by default and mended."""
+"""Drake as an engine of the referee: its multibody plant, by default and mended."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from rpctl.engines.engine import (
 from rpctl.engines.mujoco.bodies import link_fault
 from rpctl.engines.urdf_engine import Point, UrdfEngine, UrdfRun
 from rpctl.errors import EngineMissing
-from rpctl.libraries import library
+from rpctl.libraries import install_command, library
 from rpctl.robot.coordinates import read_root
 from rpctl.robot.model import Robot
 
 DEFAULT_STEP = 1e-3  # s, of MultibodyPlantConfig
 MENDED_STEP = 5e-4  # s
-DEFAULT_FRICTION = 1.0  # of a shape that says nothing of it
+DEFAULT_FRICTION = 1.0  # of a shape without a coefficient
 STIFFNESS = 1e7  # N/m of a shape, mended; 1e6 by default
 MODULES = (
     *("systems.framework", "systems.analysis", "geometry", "math"),
@@ -48,7 +48,7 @@ DIALECT = Dialect(
 
 
 def load_drake() -> Any:
-    """Return what an engine needs of Drake's modules, as one.
+    """Return the contents of the modules of Drake that the engine needs, in one namespace.
 
     Raises:
         EngineMissing: Drake is not installed.
@@ -58,13 +58,13 @@ def load_drake() -> Any:
         for name in MODULES:
             vars(drake).update(vars(library(f"pydrake.{name}")))
     except ImportError as error:
-        raise EngineMissing(f"Drake: {error}; pip install 'rpctl[drake]'") from error
+        raise EngineMissing(f"Drake: {error}; run {install_command('drake')}") from error
     return drake
 
 
 @contextmanager
 def heard() -> Iterator[list[str]]:
-    """Keep what Drake warns of from the terminal; the first lines are in the list at the end."""
+    """Keep Drake's warnings from the terminal; yield the list of their first lines."""
     logger, handler = logging.getLogger("drake"), BufferingHandler(sys.maxsize)
     handlers, passes = list(logger.handlers), logger.propagate
     logger.handlers, logger.propagate = [handler], False
@@ -79,13 +79,13 @@ def heard() -> Iterator[list[str]]:
 
 
 class DrakeRun(UrdfRun):
-    """A multibody plant with a ground and one robot, from its start on.
+    """A multibody plant with a ground and one robot.
 
     Args:
         robot: The robot.
         q: Configuration (nq,).
-        mended: What is mended.
-        friction: Between wheels and ground, where ``friction`` is mended.
+        mended: The mended switches.
+        friction: Coefficient of friction between wheels and ground if ``friction`` is mended.
 
     Raises:
         EngineFault: Drake refuses the robot.
@@ -131,7 +131,7 @@ class DrakeRun(UrdfRun):
         }
 
     def _ground(self, drake: Any, mended: Mended, friction: float) -> None:
-        """Register a half space; Drake takes the harmonic mean of two coefficients."""
+        """Register a half space; Drake takes the harmonic mean of a pair's coefficients."""
         own = DEFAULT_FRICTION
         if "friction" in mended:
             own = friction / (2.0 - friction / DEFAULT_FRICTION)
@@ -155,7 +155,7 @@ class DrakeRun(UrdfRun):
                 rotor.set_default_rotor_inertia(float(robot.armature[index]))
 
     def _let_pass(self, drake: Any, scene: Any) -> None:
-        """Let the robot's own shapes pass through each other."""
+        """Exclude collisions between the robot's own shapes."""
         bodies = [self._plant.get_body(i) for i in self._plant.GetBodyIndices(self._instance)]
         shapes = [g for body in bodies for g in self._plant.GetCollisionGeometriesForBody(body)]
         declared = drake.CollisionFilterDeclaration()
@@ -176,7 +176,7 @@ class DrakeRun(UrdfRun):
         return self._plant.GetBodyByName(link, self._instance)
 
     def exert(self, efforts: Mapping[str, float]) -> None:
-        """Go on to ``t`` under efforts (N·m or N, by joint)."""
+        """Simulate until ``t`` under efforts (N·m or N, by joint)."""
         self._brake()
         forces = np.zeros(self._plant.num_velocities())
         for name, effort in efforts.items():
@@ -189,7 +189,7 @@ class DrakeRun(UrdfRun):
             raise EngineFault(f"Drake gives up on {self.robot.name}: {error}") from error
 
     def _brake(self) -> None:
-        """Let each joint's damping stand for its dry friction, too, at the rate it has now."""
+        """Add dry friction to each joint's damping, as friction over the present rate."""
         losses, v = self.robot.losses, np.zeros(self.robot.nv)
         if not self.forgets or losses is None:
             return
@@ -209,7 +209,7 @@ class DrakeRun(UrdfRun):
         }
 
     def motion(self, link: str) -> LinkMotion:
-        """Return how a link's frame moves."""
+        """Return the motion of a link's frame."""
         pose = self._body(link).EvalPoseInWorld(self._context)
         twist = self._body(link).EvalSpatialVelocityInWorld(self._context)
         R, place = pose.rotation().matrix(), pose.translation()
@@ -256,12 +256,13 @@ SAID = {
     ),
     "caster": (
         SUPPORTS_HOLD,
-        "write <drake:mu_static value='0'/> and <drake:mu_dynamic value='0'/> into theirs",
+        "write <drake:mu_static value='0'/> and <drake:mu_dynamic value='0'/> into their"
+        " <collision>",
     ),
     "friction": (
         f"its coefficient of friction is {DEFAULT_FRICTION:g}",
-        "register the ground with CoulombFriction(MU/(2 − MU), MU/(2 − MU)), for of a pair it"
-        " takes the harmonic mean",
+        "register the ground with CoulombFriction(MU/(2 − MU), MU/(2 − MU)): of a pair's"
+        " coefficients Drake takes the harmonic mean",
     ),
     "softness": (
         "its contacts are springs of 1e6 N/m",
@@ -279,13 +280,13 @@ SAID = {
 
 
 class DrakeEngine(UrdfEngine):
-    """Drake's discrete multibody plant, as its parser and its configuration leave a robot."""
+    """Drake's discrete multibody plant, as its parser loads a robot by default."""
 
     name, tick, run, said = "Drake", DEFAULT_STEP, DrakeRun, SAID
     module, distribution, extra = "pydrake", "drake", "drake"
 
     def own_switches(self, robot: Robot) -> Iterator[Switch]:
-        """Yield the switches that the robot has words for."""
+        """Yield the switches whose words depend on the robot."""
         wrong = [link.name for link in robot.description.links if link_fault(link)]
         faults = {}
         if wrong:
@@ -309,5 +310,5 @@ class DrakeEngine(UrdfEngine):
             setting = "call joint.SetDamping(context, d + f/|rate|) at each step"
             yield Switch("losses", fault, setting)
         elif damped:
-            fault = f"it damps {damped[0]} as its file says, and the robot has no losses"
+            fault = f"it damps {damped[0]} as its file says; the robot was loaded without losses"
             yield Switch("losses", fault, "call joint.set_default_damping(0)")

@@ -1,4 +1,4 @@
-"""A robot's file for engines that read URDF: as the user's, but for what is locked or mended.
+"""The URDF that an engine reads: the user's, except for locked joints and mended switches.
 
 Lengths m, masses kg, inertias kg·m².
 """
@@ -33,15 +33,14 @@ SUPPORTS_HOLD = (
 
 @dataclass(frozen=True)
 class Dialect:
-    """What an engine's reader of URDF can do.
+    """What an engine's URDF reader can read.
 
     Attributes:
         name: The engine.
-        meshes: Endings of the meshes that it reads as collision shapes.
-        crowned: The shape, XML, that stands for a tyre with a crown, a format of ``radius`` and
-            ``half_width``.
-        proximity: XML of a collision without friction, or nothing.
-        massless: XML of the inertia of a link that has none.
+        meshes: Suffixes of the mesh files that it reads as collision shapes.
+        crowned: XML of the shape of a crowned tyre, with fields ``radius`` and ``half_width`` (m).
+        proximity: XML of a collision without friction, or empty.
+        massless: XML of the inertial of a link that has none.
         strict_transmissions: Whether it refuses a transmission without an actuator.
     """
 
@@ -59,24 +58,24 @@ def edit_urdf(
     dialect: Dialect,
     mesh_file: Callable[[Any], str] | None = None,
 ) -> tuple[Any, tuple[str, ...]]:
-    """Return the root of a robot's file for an engine, and notes: the rest stays as it was.
+    """Return the root element of a robot's URDF for an engine, and notes.
 
-    Locked joints become fixed ones. What only draws is left out, and transmissions are, for
-    efforts act on joints; and meshes that are not found or that the engine refuses, which the
-    notes tell. Each collision is named after its link and its number there.
+    Locked joints become fixed ones. Visuals and transmissions are removed (efforts act on joints),
+    and so are meshes that are not found or that the engine refuses; the notes name these. Each
+    collision is named after its link and its number there. Everything else stays as it is.
 
     Args:
         robot: The robot.
-        mended: What is mended.
-        dialect: The engine's.
-        mesh_file: Returns the file of a <mesh>, or raises a MeshError; None: the user's, if the
-            engine reads its kind.
+        mended: The mended switches.
+        dialect: The engine's dialect.
+        mesh_file: Returns the file of a <mesh>, or raises a MeshError; None: the user's file, if
+            the engine reads its kind.
     """
 
     def own_file(mesh: Any) -> str:
         path = robot.description.mesh_paths.resolve(str(mesh.get("filename")))
         if path.suffix.lower() not in dialect.meshes:
-            raise MeshError(f"{dialect.name} refuses files with {path.suffix} as a collision shape")
+            raise MeshError(f"{dialect.name} does not read {path.suffix} files as collision shapes")
         return str(path)
 
     root = robot.description.document()
@@ -113,18 +112,18 @@ def edit_urdf(
 
 
 def collision_name(link: str, number: int) -> str:
-    """Return the name of a link's collision shape, given its number among them."""
+    """Return the name of a link's collision shape, given its index in the link."""
     return f"{link}/{number}"
 
 
 def edged_wheels(robot: Robot) -> bool:
-    """Whether a wheel is drawn as anything but a sphere: it meets the ground along a line."""
+    """Whether the shape of a wheel is no sphere, so that it touches the ground along a line."""
     kinds = [kind for wheel in robot.drive.wheels for kind in drawn_kinds(robot, wheel.joint)]
     return set(kinds) != {"sphere"}
 
 
 def drawn_kinds(robot: Robot, wheel: str) -> list[str]:
-    """Return the kinds of the collision shapes of all that a wheel's joint carries."""
+    """Return the kinds of the collision shapes that a wheel's joint carries."""
     links = links_below(robot, robot.description.joint[wheel].child)
     return [shape.kind for name in links for shape in robot.description.link[name].collisions]
 
@@ -174,7 +173,7 @@ def _others(root: Any, robot: Robot) -> list[Any]:
 
 
 def _put_supports(links: dict[str, Any], robot: Robot, dialect: Dialect) -> None:
-    """Let the supports slide; draw those that the file only shows."""
+    """Remove the friction of supports; add collisions to those that have only visuals."""
     for _, link, shape in support_shapes(robot, find_supports(robot)):
         for element in links[link].findall("collision"):
             if element.find("geometry")[0].sourceline == shape.line:
@@ -186,9 +185,9 @@ def _put_supports(links: dict[str, Any], robot: Robot, dialect: Dialect) -> None
 
 
 def _put_inertias(links: dict[str, Any], robot: Robot, dialect: Dialect) -> None:
-    """Give each link that moves the inertia of all that moves with it, and the others none.
+    """Give each moving link the inertia of all links fixed to it, and the others none.
 
-    A link whose own inertia no body can have is a part of one that can exist.
+    A link with an unphysical inertia is often part of a physical rigid body.
     """
     carriers = {robot.description.root: ROOT_JOINT}
     for name in robot.entries:
@@ -205,7 +204,7 @@ def _put_inertias(links: dict[str, Any], robot: Robot, dialect: Dialect) -> None
 
 
 def _resolve_meshes(root: Any, file: Callable[[Any], str]) -> list[str]:
-    """Name the files of meshes; leave out those that are not found or cannot be read."""
+    """Set the files of meshes; remove meshes that are not found or cannot be read."""
     refused: dict[str, list[str]] = {}
     for element in root.xpath("./link/collision[geometry/mesh]"):
         mesh = element.find("geometry/mesh")
@@ -227,18 +226,18 @@ def _collision(geometry: str, pose: Array) -> Any:
 
 
 def _drake_tags(text: str) -> Any:
-    """Return an element that may hold tags of Drake's own."""
+    """Return an element that declares the namespace of Drake's tags."""
     return etree.fromstring(f'<x xmlns:drake="http://drake.mit.edu">{text}</x>')[0]
 
 
 def _origin(pose: Array) -> Any:
-    """Return the element of a pose (4, 4)."""
+    """Return the <origin> element of a pose (4, 4)."""
     rpy = pin.rpy.matrixToRpy(np.ascontiguousarray(pose[:3, :3]))
     return etree.Element("origin", xyz=_numbers(pose[:3, 3]), rpy=_numbers(rpy))
 
 
 def _shape_xml(shape: Shape) -> str:
-    """Return a shape that is no mesh."""
+    """Return the element of a shape that is not a mesh."""
     names = SIZES.get(shape.kind, ROUND_SIZES)
     values = (_numbers(shape.size),) if shape.kind == "box" else tuple(map(repr, shape.size))
     sizes = " ".join(f'{name}="{value}"' for name, value in zip(names, values, strict=True))
@@ -246,5 +245,5 @@ def _shape_xml(shape: Shape) -> str:
 
 
 def _numbers(numbers: Iterable[float]) -> str:
-    """Return numbers as a file has them, each to the last digit."""
+    """Return numbers as the text of an attribute, without rounding."""
     return " ".join(repr(float(number)) for number in numbers)

@@ -1,4 +1,4 @@
-"""``Engine``: another simulator on flat ground, as the referee asks it, and its switches."""
+"""``Engine``: the protocol of another simulator on flat ground, and its switches."""
 
 from __future__ import annotations
 
@@ -24,37 +24,37 @@ ENGINES = {  # by the name that users give
 }
 
 
-SWITCHES = {  # what engines do differently by default, and how it is meant when it is mended
-    "wheel": "Shape of the wheels where they meet the ground: as drawn, or crowned, so that they"
-    " touch at one point and, of a mecanum or omni wheel, hold along the roller only.",
-    "caster": "Supports and balls: as drawn and with friction, or sliding without any; those that"
-    " the engine does not see are added.",
-    "cone": "Friction pyramid, or cone.",
-    "friction": "The engine's own coefficients, torsional and rolling ones too; or the referee's.",
-    "inertia": "As the engine's loader leaves it (dropped, balanced, guessed from shapes, rotors"
-    " left out), or the robot's.",
-    "softness": "Compliance of contacts, and how well the solver converges.",
-    "timestep": "The engine's own, or one short enough.",
-    "mimic": "Mimic joints and tie rods left free, or tied.",
-    "losses": "Damping and friction of joints and of free bodies as the loader takes them, or the"
-    " robot's.",
-    "collisions": "Whether links of the robot collide with each other and, but for wheels and"
-    " supports, with the ground.",
+SWITCHES = {  # what engines do by default; what a mended engine does
+    "wheel": "Wheels as the file draws them; crowned wheels, which touch the ground at one point"
+    " (mecanum and omni wheels have friction along the roller only).",
+    "caster": "Supports and balls as the file draws them, with friction; without friction, and"
+    " added if the engine does not see them.",
+    "cone": "A friction pyramid; a friction cone.",
+    "friction": "The engine's coefficients, also torsional and rolling ones; the referee's.",
+    "inertia": "Inertias as the loader leaves them (dropped, balanced, guessed from shapes, without"
+    " rotors); the robot's.",
+    "softness": "The engine's compliant contacts and solver; stiff contacts, a converged solver.",
+    "timestep": "The engine's time step; a short one.",
+    "mimic": "Mimic joints and tie rods are free; they are tied.",
+    "losses": "Damping and friction of joints and bodies as the loader sets them; the robot's.",
+    "collisions": "All links collide with each other and with the ground; only wheels and supports"
+    " collide, with the ground.",
 }
-LEVEL = 1e-9  # cosine of an axle and the direction to the left: less is across it
-Mended = frozenset[str]  # names of the switches that are mended; the others are at default
+LEVEL = 1e-9  # cosine between an axle and the direction to the left: below, they are perpendicular
+Mended = frozenset[str]  # names of the mended switches; the others are at default
 ALL_DEFAULT: Mended = frozenset()  # as the engine takes the URDF of a user who sets nothing
 ALL_MENDED: Mended = frozenset(SWITCHES)  # as the reduced model means it
 
 
 @dataclass(frozen=True)
 class Switch:
-    """A switch that means something in an engine, for a robot, in that engine's own words.
+    """A switch that matters for a robot in an engine, in the engine's own terms.
 
     Attributes:
         name: One of :data:`SWITCHES`.
-        fault: What the engine does by default, a clause: ``"its wheels are 8 cm wide and scrub"``.
-        setting: What mends it, an imperative with attribute or option: ``'set <option
+        fault: A clause that says what the engine does by default: ``"its wheels are 8 cm wide and
+            scrub"``.
+        setting: An imperative that says what mends it, with the attribute or option: ``'set <option
             cone="elliptic"/>'``.
     """
 
@@ -63,7 +63,7 @@ class Switch:
     setting: str
 
     def __post_init__(self) -> None:
-        """Refuse a name that is none of them."""
+        """Refuse an unknown name."""
         require_known("switch", [self.name], SWITCHES)
 
 
@@ -74,7 +74,7 @@ def in_order(switches: Iterable[Switch]) -> tuple[Switch, ...]:
 
 
 class EngineFault(DivergedError):
-    """An engine refuses a robot, or its motion diverges; its own words are in the message."""
+    """An engine refuses a robot, or its motion diverges; the message quotes the engine."""
 
     exit_code = RpctlError.exit_code
 
@@ -86,11 +86,11 @@ class EngineState:
     Attributes:
         pose: Root link's x, y, z (m) and quaternion x, y, z, w (7,), in the world; the ground is
             the plane z = 0.
-        joints: Position (rad or m; turns are counted, not taken off) and rate of the moving joints.
-        load: Vertical force (N) of each contact, as :attr:`EngineRun.contacts` names them (n,).
-        slip: Velocity (m/s) of each drive's wheel's contact point, the point of the wheel below its
-            centre, along its rolling direction and to its left (n_wheels, 2).
-        energy: Kinetic plus potential energy, J, of the engine's own masses; the zero is free.
+        joints: Position (rad or m, full turns included) and rate of the moving joints, by name.
+        load: Vertical force (N) of each contact (n,), in the order of :attr:`EngineRun.contacts`.
+        slip: Velocity (m/s) of each wheel's contact point, the point of the wheel below its centre,
+            along its rolling direction and to its left (n_wheels, 2).
+        energy: Kinetic plus potential energy, J, of the engine's masses; the zero is arbitrary.
     """
 
     pose: Array
@@ -101,7 +101,7 @@ class EngineState:
 
     @property
     def tilt(self) -> float:
-        """How far the root link leans out of the level, rad."""
+        """Angle between the root link's z axis and the vertical, rad."""
         return tilt(self.pose)
 
     @property
@@ -112,7 +112,7 @@ class EngineState:
 
 @dataclass(frozen=True)
 class LinkMotion:
-    """Motion of a link's frame: rotation (3, 3), origin (3,) m, its velocity (3,) and ω (3,)."""
+    """Motion of a link's frame in the world: rotation (3, 3), origin (3,), m, velocity, ω."""
 
     rotation: Array
     origin: Array
@@ -123,13 +123,13 @@ class LinkMotion:
 def wheel_slip(robot: Robot, wheel: Wheel, motion: LinkMotion) -> tuple[float, float]:
     """Return the velocity (m/s) of a wheel's lowest point: along its rolling direction, leftward.
 
-    The rolling direction is level and across the axle; the drive's heading, or its swivel's, with
-    all joints at 0, fixes its sign.
+    The rolling direction is horizontal and perpendicular to the axle; the heading of the drive
+    or of the swivel, with all joints at 0, determines its sign.
 
     Args:
         robot: The robot.
         wheel: The wheel.
-        motion: Of the link that its joint turns.
+        motion: Motion of the link that the wheel's joint turns.
     """
     heading = robot.drive.heading
     for swivel in robot.drive.swivels:
@@ -151,7 +151,7 @@ def wheel_slips(robot: Robot, motion: Callable[[str], LinkMotion]) -> Array:
 
     Args:
         robot: The robot.
-        motion: Of a link, by its name.
+        motion: Returns the motion of a link, by its name.
     """
     children = robot.description.joint
     slips = [wheel_slip(robot, w, motion(children[w.joint].child)) for w in robot.drive.wheels]
@@ -165,21 +165,21 @@ def joint_losses(robot: Robot, name: str) -> tuple[float, float]:
 
 
 class EngineRun(DrivenRobot, Protocol):
-    """A robot in an engine, from its start on; ``dt`` is a multiple of the engine's tick.
+    """A robot that runs in an engine; ``dt`` is a multiple of the engine's tick.
 
-    Where the motion diverges, ``advance`` raises a :class:`DivergedError`.
+    If the motion diverges, ``advance`` raises a :class:`DivergedError`.
 
     Attributes:
-        contacts: Names of the contacts, those of ``Contacts.names`` in their order: the wheels'
-            joints, then the supports.
-        notes: What was assumed or left out, in sentences.
+        contacts: Names of the contacts, in the order of ``Contacts.names``: the wheels' joints,
+            then the supports.
+        notes: Sentences on what was assumed or left out.
     """
 
     contacts: tuple[str, ...]
     notes: tuple[str, ...]
 
     def state(self) -> EngineState:
-        """Return the state now; loads are those of the last step."""
+        """Return the present state; the loads are those of the last step."""
 
 
 class Engine(Protocol):
@@ -187,27 +187,27 @@ class Engine(Protocol):
 
     @property
     def name(self) -> str:
-        """As its makers write it: ``"MuJoCo"``, ``"Drake"``, ``"PyBullet"``."""
+        """The name, as its makers write it: ``"MuJoCo"``, ``"Drake"``, ``"PyBullet"``."""
 
     @property
     def version(self) -> str:
-        """As it gives it."""
+        """The version of the installed package."""
 
     @property
     def tick(self) -> float:
-        """How long the referee holds efforts, s: a multiple of its steps, default and mended."""
+        """How long the referee holds efforts, s: a multiple of the default and the mended step."""
 
     def switches(self, robot: Robot) -> tuple[Switch, ...]:
-        """Return the switches that mean something here, of this robot."""
+        """Return the switches that matter for this robot in this engine."""
 
     def start(self, robot: Robot, q: Array, mended: Mended, friction: float) -> EngineRun:
-        """Return the robot at rest at q, its wheels at the height of the ground; not yet settled.
+        """Return the robot at rest at q, with its wheels on the ground, before it settles.
 
         Args:
             robot: The robot.
             q: Configuration (nq,).
-            mended: What is mended.
-            friction: Coefficient between wheels and ground where ``friction`` is mended.
+            mended: The mended switches.
+            friction: Coefficient of friction between wheels and ground if ``friction`` is mended.
 
         Raises:
             EngineFault: The engine refuses the robot.
@@ -218,10 +218,10 @@ def installed_engines(names: Sequence[str] = ()) -> tuple[list[Engine], list[str
     """Return the engines that are installed, and a sentence on each that is not.
 
     Args:
-        names: Those that are wanted; empty: all.
+        names: The engines to look for; empty: all.
 
     Raises:
-        UnknownNameError: There is no engine of such a name.
+        UnknownNameError: There is no engine with this name.
     """
     found: list[Engine] = []
     missing: list[str] = []

@@ -1,4 +1,4 @@
-"""What a robot does on the referee's course, in an engine or as the reduced model has it."""
+"""The motion of a robot on the referee's course, in an engine or by the reduced model."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ SKID_NOTE = (
     "straight ahead only: a skid-steer base turns by scrubbing, which the reduced model replaces "
     "by an effective track"
 )
-SETTLING_S = 0.4  # s in which a robot sinks into contacts: twenty of MuJoCo's default constants
-SAMPLE_S = 0.05  # s between samples; loads and slip are means over it
+SETTLING_S = 0.4  # s for a robot to settle: twenty of MuJoCo's default time constants
+SAMPLE_S = 0.05  # s between samples, over which loads and slip are averaged
 
 
 def referee_course(duration: float, tick: float = TICK_S) -> Course:
-    """Return the course of the referee: a robot sets off, turns in the middle half, and brakes.
+    """Return the referee's course: the robot accelerates, turns in the middle half, and brakes.
 
-    It does not come to stand, where friction of joints would change its sign.
+    It does not stop, because the friction of its joints would then change sign.
     """
     return Course(duration, tick, rise=1.0 / 3.0, pulse=0.5, lost=1.0 - LAST_SPEED_RATIO)
 
 
 class ReducedRun(ReducedRobot):
-    """The reduced model of a robot; :class:`rpctl.engines.engine.EngineRun` has the attributes.
+    """The reduced model as an :class:`rpctl.engines.engine.EngineRun`.
 
     Args:
-        dynamics: Its dynamics.
-        contacts: How it stands.
+        dynamics: The robot's reduced dynamics.
+        contacts: The robot's contacts with the ground.
         q: Configuration at the start (nq,).
     """
 
@@ -88,22 +88,22 @@ class ReducedRun(ReducedRobot):
 
 @dataclass(frozen=True, eq=False)
 class EngineRecording:
-    """What one engine did, a row a sample; shorter than others where it could not go on.
+    """The motion in one engine, one row per sample; shorter if the engine could not go on.
 
     Attributes:
-        t: Times (n,), s; 0 is when the robot, settled, sets off.
+        t: Times (n,), s; at 0 the robot has settled and sets off.
         pose: Root link's x, y (m) and heading (rad) as seen from where it set off (n, 3).
         root: Root link's x, y, z and quaternion x, y, z, w (n, 7), x and y from where it set off.
-        tilt: Root link out of the level (n,), rad.
+        tilt: Angle between the root link's z axis and the vertical (n,), rad.
         joints: Positions of the moving joints (n,), rad or m, by name.
         load: Vertical forces of the contacts (n, n_contacts), N.
         slip: Velocities of the wheels' contact points, ahead and to the left (n, n_wheels, 2), m/s.
         energy: Kinetic and potential energy (n,), J.
         work: Work of the efforts since the robot set off (n,), J.
-        crept: Way of the root link while the robot settled, m.
+        crept: Distance that the root link moved while the robot settled, m.
         sunk: How far the root link settled below the height that its wheels' radius gives, m.
-        notes: Of the engine, in sentences.
-        fault: Why it could not go on; empty if it could.
+        notes: The engine's notes, in sentences.
+        fault: Why the engine could not go on; empty if it could.
     """
 
     t: Array
@@ -121,20 +121,20 @@ class EngineRecording:
     fault: str = ""
 
 
-# A state at a time (s), means of loads and slip since the last one, and the work so far (J).
+# Time (s), state, means of loads and slip since the last sample, work so far (J).
 _Sample = tuple[float, EngineState, Array, Array, float]
 
 
 def record(
     run: EngineRun, robot: Robot, plan: ContactPlan, tick: float, settled: bool = False
 ) -> EngineRecording:
-    """Return what a robot does under the efforts of a plan.
+    """Return the motion of a robot under the efforts of a plan.
 
     Args:
-        run: It in an engine, at rest at the origin.
+        run: The robot in the engine, at rest at the origin.
         robot: The robot.
-        plan: The efforts; each holds for a ``tick`` (s).
-        settled: Whether it stands already, with nothing to sink into.
+        plan: The efforts; each is held for a ``tick`` (s).
+        settled: Whether the robot needs no time to settle into its contacts.
     """
     start, fault = run.state(), ""
     samples: list[_Sample] = []
@@ -142,7 +142,7 @@ def record(
         for _ in range(0 if settled else round(SETTLING_S / tick)):
             plan.drive(run, -1, tick)
         start = run.state()
-        samples.extend(_samples(run, robot, plan, tick))  # those before a fault stay
+        samples.extend(_samples(run, robot, plan, tick))  # samples before a fault are kept
     except DivergedError as error:
         fault = str(error)
     samples = samples or [(0.0, start, 0.0 * start.load, 0.0 * start.slip, 0.0)]
@@ -172,7 +172,7 @@ def record(
 
 
 def _samples(run: EngineRun, robot: Robot, plan: ContactPlan, tick: float) -> Iterator[_Sample]:
-    """Let the robot follow the plan, and yield samples of it."""
+    """Apply the efforts of the plan, and yield samples of the motion."""
     every, before, work = max(1, round(SAMPLE_S / tick)), run.state(), 0.0
     loads, slips = [before.load], [before.slip]
     for k in range(len(plan.tau) + 1):
@@ -190,5 +190,5 @@ def _samples(run: EngineRun, robot: Robot, plan: ContactPlan, tick: float) -> It
 
 
 def _after_first(rows: Sequence[Array]) -> Array:
-    """Return means over the time before each sample; the first has none, and gets the second's."""
+    """Return the means before each sample; the first, which has none, gets the second's."""
     return np.array([*rows[1:2], *rows[1:]] if len(rows) > 1 else rows)

@@ -1,6 +1,6 @@
 """The referee: the same efforts and the same start through the reduced model and other engines.
 
-Where they disagree, switches are turned one at a time between default and mended to find why.
+If they disagree, the referee sets one switch at a time to default or mended to find the causes.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class Cause:
     """What makes an engine disagree.
 
     Attributes:
-        switches: One that suffices alone, or two of which neither does.
-        gaps: What its default alone does to the mended engine, beyond the bands.
+        switches: One switch that suffices alone, or two that suffice only together.
+        gaps: The gaps beyond the bands if only these switches of the mended engine are at default.
     """
 
     switches: tuple[Switch, ...]
@@ -57,14 +57,14 @@ class Cause:
         return tuple(switch.name for switch in self.switches)
 
     def setting(self, friction: float) -> str:
-        """Return the setting that mends it, with the coefficient of the ground where it says MU."""
+        """Return the setting that mends it, with the coefficient of friction in the place of MU."""
         settings = "; ".join(switch.setting for switch in self.switches)
         return settings.replace("MU", f"{friction:g}")
 
     def words(self, friction: float) -> str:
-        """Return it, what it does alone, and the setting that mends it."""
+        """Return the fault, what it causes alone, and the setting that mends it."""
         fault = ", and ".join(switch.fault for switch in self.switches)
-        does = f" (alone: {self.gaps[0].words})" if self.gaps else " (with the others only)"
+        does = f" (alone: {self.gaps[0].words})" if self.gaps else " (only with the others)"
         return f"{fault}{does}; {self.setting(friction)}"
 
     def to_dict(self, friction: float) -> dict[str, Any]:
@@ -82,11 +82,11 @@ class Trace:
     """How an engine's disagreement was traced.
 
     Attributes:
-        causes: The largest first.
+        causes: The causes, the one with the largest effect first.
         mended: What the engine does with all switches mended.
-        remaining: Gaps beyond the bands of the mended engine and the model.
-        cured: Gaps beyond the bands of the engine with the causes mended and nothing else, from
-            the mended engine: none where the causes explain all.
+        remaining: Gaps beyond the bands between the mended engine and the model.
+        cured: Gaps beyond the bands between the engine with only the causes mended and the mended
+            engine; empty if the causes explain the whole disagreement.
     """
 
     causes: tuple[Cause, ...]
@@ -96,7 +96,7 @@ class Trace:
 
     @property
     def complete(self) -> bool:
-        """Whether the causes explain all that the model and the engine disagree in."""
+        """Whether the causes explain the whole disagreement of the model and the engine."""
         return not (self.remaining or self.cured)
 
 
@@ -105,9 +105,9 @@ def trace(
 ) -> Trace:
     """Return the causes why an engine, by default, disagrees with the model.
 
-    From the engine with all mended, each switch alone is set back to default: it is a cause where
-    the motion then leaves the bands. Where none is, pairs are. With the causes mended, the default
-    engine must do what the mended one does; a switch that it then still takes is added.
+    In the mended engine each switch alone is set back to default: it is a cause if the motion then
+    leaves the bands. If no switch is a cause, pairs are tried. The default engine with the causes
+    mended must do what the mended engine does; a switch that it needs for that is added.
     """
     mended = run(ALL_MENDED)
     remaining = beyond(compare(model, mended))
@@ -143,7 +143,7 @@ def _needed(
 ) -> list[Cause]:
     """Return the causes without those that may stay at default once the others are mended.
 
-    A step that is too long for hard contacts, say, is not for the engine's own soft ones.
+    For example, a time step that is too long for hard contacts may suit the engine's soft ones.
     """
     kept = list(causes)
     for cause in sorted(causes, key=lambda cause: _worst(cause.gaps)):
@@ -178,17 +178,17 @@ def _worst(gaps: Sequence[EngineGap]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class EngineVerdict:
-    """What the referee found of an engine.
+    """What the referee found out about an engine.
 
     Attributes:
         engine: Its name.
         version: Its version.
-        gaps: Between the model and the engine as a user runs it, the largest first.
-        trace: Why they disagree; None where they agree.
+        gaps: Gaps between the model and the engine as a user runs it, the largest first.
+        trace: Why they disagree; None if they agree.
         model: What the model did.
         recording: What the engine did by default.
-        friction: Coefficient of the ground where it is mended.
-        turn: How a skid-steer base turns in place there; None of others, and where it is not asked.
+        friction: Coefficient of friction of the mended engine.
+        turn: How a skid-steer base turns in place; None for other bases and other engines.
     """
 
     engine: str
@@ -202,7 +202,7 @@ class EngineVerdict:
 
     @property
     def agrees(self) -> bool:
-        """Whether the engine does what the model does, as a user runs it."""
+        """Whether the engine, as a user runs it, does what the model does."""
         return not beyond(self.gaps)
 
     @property
@@ -212,12 +212,12 @@ class EngineVerdict:
 
     @property
     def mended(self) -> EngineRecording | None:
-        """What the engine did with all mended, or None where there was nothing to mend."""
+        """What the engine did with all switches mended; None if there was nothing to mend."""
         return None if self.trace is None else self.trace.mended
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed or left out, of the model and of the engine, in sentences."""
+        """Sentences on what the model and the engine assumed or left out."""
         return tuple(dict.fromkeys((*self.model.notes, *self.recording.notes)))
 
     @property
@@ -233,21 +233,21 @@ class EngineVerdict:
             return f"{self.head}: agrees with the reduced model"
         said = f"{self.head}: {beyond(self.gaps)[0].words}"
         if found.mended.fault:
-            return f"{said}; with all corrected it still does not run: {found.mended.fault}"
+            return f"{said}; with all settings corrected it still fails: {found.mended.fault}"
         if found.causes:
             said += f": {'; also '.join(cause.words(self.friction) for cause in found.causes)}"
         if found.cured:
-            said += f"; with that corrected it still {found.cured[0].words}"
+            said += f"; with that corrected, a gap remains: {found.cured[0].words}"
         if found.remaining:
             said += (
-                f"; with all corrected it still {found.remaining[0].words}, which no setting "
-                "explains"
+                "; with all settings corrected, a gap remains that no setting explains: "
+                f"{found.remaining[0].words}"
             )
         return said
 
     @property
     def turn_line(self) -> str:
-        """What the referee says of a skid-steer base's turn in place; empty if nothing."""
+        """What the referee says about a skid-steer base's turn in place; may be empty."""
         return "" if self.turn is None else self.turn.line(self.head)
 
     def to_dict(self) -> dict[str, Any]:
@@ -268,15 +268,16 @@ class EngineVerdict:
 
 
 class Referee:
-    """A robot, how it stands, its motion, and what the reduced model does.
+    """Compares engines with the reduced model of one robot, on one motion.
 
     Args:
         robot: The robot.
-        friction: Coefficient between wheels and ground where an engine's own is mended.
-        duration: Of the motion, s.
+        friction: Coefficient of friction between wheels and ground, used if the switch
+            ``friction`` is mended.
+        duration: Duration of the motion, s.
 
     Raises:
-        NotGentle: The robot has a fixed base, or is not known to stand.
+        NotGentle: The robot has a fixed base, or rpctl does not know that it stands.
     """
 
     def __init__(
@@ -296,7 +297,7 @@ class Referee:
         return self._motions[tick]
 
     def judge(self, engine: Engine) -> EngineVerdict:
-        """Return what an engine does beside the model, and why it disagrees."""
+        """Return how an engine compares with the model, and why it disagrees."""
         plan, model = self.motion(engine.tick)
         recording = self.run(engine, ALL_DEFAULT)
         gaps = self.compare(model, recording)
@@ -314,7 +315,7 @@ class Referee:
         )
 
     def run(self, engine: Engine, mended: Mended) -> EngineRecording:
-        """Return what an engine does with some switches mended."""
+        """Return the recording of an engine with some switches mended."""
         plan, model = self.motion(engine.tick)
         try:
             run = engine.start(self.robot, plan.q[0], mended, self._friction)
@@ -323,12 +324,12 @@ class Referee:
         return record(run, self.robot, plan, engine.tick)
 
     def compare(self, model: EngineRecording, engine: EngineRecording) -> tuple[EngineGap, ...]:
-        """Return the gaps between what a robot should do and what it did, the largest first."""
+        """Return the gaps between the recordings of model and engine, the largest first."""
         return compare(self.robot, self.contacts, model, engine, self._slack)
 
     @cached_property
     def _slack(self) -> dict[str, float]:
-        """How far dry friction holds each joint with a servo off its place, rad or m."""
+        """How far dry friction can hold each joint off its servo's set point, rad or m."""
         losses = self.robot.losses
         if losses is None:
             return {}
@@ -339,7 +340,7 @@ class Referee:
 
 
 def _refused(model: EngineRecording, fault: str) -> EngineRecording:
-    """Return the recording of an engine that does not take the robot."""
+    """Return the recording of an engine that refuses the robot."""
 
     nothing: dict[str, Any] = {
         name: np.zeros_like(value[:1])

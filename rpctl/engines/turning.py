@@ -1,4 +1,4 @@
-"""How a skid-steer base turns in place in an engine, told as the track on which it seems to run."""
+"""How a skid-steer base turns in place in an engine, expressed as an effective track."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from rpctl.equivalence.contact.plan import ContactPlan
 from rpctl.errors import DivergedError
 from rpctl.robot.model import Robot
 
-TURNING_S = 4.0  # s that it turns; the second half counts
+TURNING_S = 4.0  # s of turning; the second half is measured
 SPIN_BANDWIDTH = 50.0  # rad/s of the servo on the wheels' speeds, critically damped
-BAND = 0.02  # of a track: closer is the same
-AT_SPEED = 0.05  # of the commanded speed: wheels that are off by more do not turn as they are told
+BAND = 0.02  # of a track: closer tracks count as equal
+AT_SPEED = 0.05  # of the commanded speed: largest error of the wheels' speed
 SWINGS = 0.1  # of the mean load: wheels whose load swings by more hop
 CONVERGED, MOST_ROUNDS = 1e-10, 2000
 
 
 @runtime_checkable
 class TurningEngine(Protocol):
-    """An engine in which a base that scrubs can be set up so that its wheels stay on the ground."""
+    """An engine with a set-up in which the wheels of a scrubbing base stay on the ground."""
 
-    turning_setting: str  # an imperative: what sets it up
+    turning_setting: str  # an imperative that names the set-up
 
     def turning_speed(self, friction: float) -> float:
-        """Return the fastest speed (m/s) of the rims at which the wheels surely stay down."""
+        """Return the largest rim speed (m/s) at which the wheels stay on the ground."""
 
     def start_turning(self, robot: Robot, q: Array, friction: float) -> EngineRun:
-        """Return the robot at rest at q, set up so.
+        """Return the robot at rest at q, with this set-up.
 
         Args:
             robot: The robot.
@@ -50,10 +50,10 @@ class Turn:
     """How a base turned in place.
 
     Attributes:
-        track: On which its wheels, if they rolled, would turn it as fast, m; infinite: it stood.
+        track: Track (m) at which rolling wheels would turn the base as fast; infinite if it stood.
         load: Mean vertical force of each wheel (n_wheels,), N.
-        swing: Standard deviation of a wheel's load over its mean, the largest.
-        off: How far the wheels' mean speed was from the commanded one, as a fraction of it.
+        swing: The largest ratio of the standard deviation of a wheel's load to its mean.
+        off: Relative error of the wheels' mean speed.
     """
 
     track: float
@@ -67,11 +67,11 @@ class TurnVerdict:
     """How a skid-steer base turns in an engine.
 
     Attributes:
-        default: As a user runs it; None if it does not.
-        mended: With the engine's ``turning_setting``.
+        default: The turn in the engine as a user runs it; None if that fails.
+        mended: The turn with the engine's ``turning_setting``.
         declared: The reduced model's track, m.
-        own: The track that Coulomb's friction at the wheels' places gives, m.
-        setting: What mends it.
+        own: The track that follows from Coulomb friction at the wheels' positions, m.
+        setting: The setting that mends it.
     """
 
     default: Turn | None
@@ -82,32 +82,35 @@ class TurnVerdict:
 
     @property
     def agrees(self) -> bool:
-        """Whether the mended engine turns as the wheels' places say, at the commanded speed."""
+        """Whether the mended engine turns at the commanded speed as the wheels' positions say."""
         return self.mended.off < AT_SPEED and near(self.mended.track, self.own)
 
     def line(self, engine: str) -> str:
-        """Return what the referee says of it in an engine; empty where nothing explains it."""
+        """Return the referee's sentence on the turn in an engine; empty if nothing explains it."""
         if not self.agrees:
             return ""
         mended, default = f"{self.mended.track:.2f} m", self.default
         known = (
-            f"(the reduced model: {self.declared:.2f} m as declared; its own wheels' places: "
+            f"(reduced model: {self.declared:.2f} m, declared; from the wheels' positions: "
             f"{self.own:.2f} m)"
         )
         if default is not None and near(default.track, self.mended.track):
             said = f"turns in place as on a track of {mended} {known}"
         elif default is not None and math.isfinite(default.track):
             hops = " and its wheels hop" if default.swing > SWINGS else ""
-            said = f"turns in place as on a track of {default.track:.2f} m{hops}; as on {mended}"
-            said += f" once corrected {known}: {self.setting}"
+            said = f"turns in place as on a track of {default.track:.2f} m{hops}; once "
+            said += f"corrected, as on a track of {mended} {known}: {self.setting}"
         else:
-            said = f"does not turn in place; as on {mended} once corrected {known}: {self.setting}"
+            said = (
+                f"does not turn in place; once corrected, it turns as on a track of {mended} "
+                f"{known}: {self.setting}"
+            )
         if not near(self.declared, self.mended.track):
             said += f"; declare [drive] track = {self.mended.track:.3g}"
         return f"{engine}: {said}"
 
     def to_dict(self, engine: str) -> dict[str, Any]:
-        """Return it as plain values for JSON; an infinite track is None."""
+        """Return the verdict as plain values for JSON; an infinite track is None."""
         turns = {"track": self.default, "mended": self.mended}
         return {
             **{
@@ -122,20 +125,20 @@ class TurnVerdict:
 
 
 def near(track: float, other: float) -> bool:
-    """Return whether two tracks (m) are the same."""
+    """Return whether two tracks (m) are equal within :data:`BAND`."""
     return abs(track - other) < BAND * other
 
 
 def judge_turn(
     robot: Robot, engine: Engine, plan: ContactPlan, friction: float
 ) -> TurnVerdict | None:
-    """Return how a base turns in place, or None if that is not asked of it or of the engine.
+    """Return how a base turns in place; None if the base or the engine is of another kind.
 
     Args:
         robot: The robot.
         engine: The engine.
-        plan: What holds its arm where it starts.
-        friction: Coefficient between wheels and ground where it is mended.
+        plan: The efforts that hold the arm where it starts.
+        friction: Coefficient of friction between wheels and ground if it is mended.
     """
     drive = robot.drive
     plain = all(wheel.driven and not wheel.slides for wheel in drive.wheels)
@@ -159,14 +162,14 @@ def judge_turn(
 def turn_in_place(
     run: EngineRun, robot: Robot, plan: ContactPlan, tick: float, speed: float
 ) -> Turn:
-    """Turn a base to the left, the wheels of both sides at the same speed, and return how it goes.
+    """Turn a base to the left, with equal wheel speeds on both sides, and return the turn.
 
     Args:
-        run: It in an engine, at rest.
+        run: The robot in the engine, at rest.
         robot: The robot.
-        plan: What holds its arm where it starts.
-        tick: How long efforts hold, s.
-        speed: Of the rims, m/s.
+        plan: The efforts that hold the arm where it starts.
+        tick: How long efforts are held, s.
+        speed: Speed of the rims, m/s.
 
     Raises:
         DivergedError: The motion diverges.
@@ -198,7 +201,7 @@ def turn_in_place(
 
 
 def _measured(rows: Array, side: Array, tick: float, speed: float) -> Turn:
-    """Return how a base turned, of rows of heading, rolling speeds and loads, a tick apart."""
+    """Return the turn, given rows of heading, rolling speeds and loads, one tick apart."""
     n = len(side)
     heading, rims, load = np.unwrap(rows[:, 0]), rows[:, 1 : 1 + n], rows[:, 1 + n :]
     yaw = float(heading[-1] - heading[0]) / (tick * (len(rows) - 1))
@@ -210,7 +213,7 @@ def _measured(rows: Array, side: Array, tick: float, speed: float) -> Turn:
 
 
 def wheel_places(robot: Robot) -> Array:
-    """Return where the file draws the wheels, ahead and to the left of P (n_wheels, 2), m."""
+    """Return the wheels' positions in the file, ahead and to the left of P (n_wheels, 2), m."""
     drive, found = robot.drive, []
     cos, sin = math.cos(drive.heading), math.sin(drive.heading)
     for wheel in drive.wheels:
@@ -222,14 +225,14 @@ def wheel_places(robot: Robot) -> Array:
 
 
 def scrubbing_track(places: Array, load: Sequence[float] | Array) -> float:
-    """Return the track (m) on which wheels of equal speed to both sides turn a base in place.
+    """Return the effective track (m) of a base that turns in place by equal and opposite speeds.
 
-    Coulomb's friction balances where Σ N |u| is least over the base's twist, u the slip of each
-    contact point. Of four wheels at (±L/2, ±W/2) with equal loads that is W + L²/W.
+    Coulomb friction balances at the twist of the base that minimises Σ N |u|, where u is the slip
+    of each contact point. For four wheels at (±L/2, ±W/2) with equal loads the track is W + L²/W.
 
     Args:
-        places: Of the wheels, ahead and to the left (n, 2), m.
-        load: Of each (n,), N.
+        places: Positions of the wheels, ahead and to the left of P (n, 2), m.
+        load: Load of each wheel (n,), N.
     """
     x, y = places.T
     zero, one = np.zeros_like(x), np.ones_like(x)

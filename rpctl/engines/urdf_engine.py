@@ -1,4 +1,4 @@
-"""What engines that read a URDF share: one shell, of which Drake and PyBullet are backends."""
+"""What engines that read a URDF share: the base classes of the Drake and PyBullet engines."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ from rpctl.engines.engine import (
 from rpctl.equivalence.contact.model import support_shapes
 from rpctl.equivalence.contact.mujoco_body import STABLE, one_directional, tie_rod_efforts
 from rpctl.errors import EngineMissing
+from rpctl.libraries import install_command
 from rpctl.robot.model import Robot
 
-NEAR_M = 0.02  # m: how far off the edge of a support's shape its contact may lie
-BANDWIDTH = 200.0  # rad/s of tie rods, against the inertia of the swivel that each turns
-MAX_SPEED = 1e4  # m/s: faster is no motion
+NEAR_M = 0.02  # m: how far outside a support's shape its contact may lie
+BANDWIDTH = 200.0  # rad/s: bandwidth of tie rods, with the inertia of the swivels that they turn
+MAX_SPEED = 1e4  # m/s: a faster motion counts as diverged
 Point = tuple[str, Array, float]  # link that touches the ground, where (3,), upward force N
 
 
 class NamedContacts:
-    """The contacts of a robot by name, and which of them an engine's point belongs to.
+    """The contacts of a robot by name; assigns an engine's contact points to them.
 
     Attributes:
-        names: The wheels' joints, then the supports, as ``Contacts.names``.
-        supports_of: Of each link that carries some: the index, the place (3,) and the reach (m) of
-            its supports.
+        names: The wheels' joints, then the supports, in the order of ``Contacts.names``.
+        supports_of: By link, the index, the position (3,) and the reach (m) of its supports.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -64,7 +64,7 @@ class NamedContacts:
             self.supports_of.setdefault(link, []).append(row)
 
     def loads(self, points: Iterable[Point], motion: Callable[[str], LinkMotion]) -> Array:
-        """Return the load of each contact (n,), N; what touches elsewhere is nobody's."""
+        """Return the load of each contact (n,), N; points that belong to none are ignored."""
         load = np.zeros(len(self.names))
         for link, place, force in points:
             index = self._wheel_of.get(link)
@@ -75,7 +75,7 @@ class NamedContacts:
         return load
 
     def _support(self, link: str, place: Array, motion: Callable[[str], LinkMotion]) -> int | None:
-        """Return the support of a link that is nearest to a point, if one is near."""
+        """Return the index of a link's support that is nearest to a point, if one is near."""
         nearest, index = math.inf, None
         for k, centre, reach in self.supports_of.get(link, ()):
             frame = motion(link)
@@ -86,18 +86,18 @@ class NamedContacts:
 
 
 class UrdfRun(ABC):
-    """A robot in an engine, from its start on; an :class:`~rpctl.engines.engine.EngineRun`.
+    """A robot that runs in an engine; an :class:`~rpctl.engines.engine.EngineRun`.
 
     Args:
         robot: The robot.
-        q: Where it starts (nq,).
-        mended: What is mended.
+        q: Configuration at the start (nq,).
+        mended: The mended switches.
 
     Attributes:
         dialect: What the engine reads.
-        steps: Its step by default and mended, s.
-        forgets: Whether efforts hold for a step only.
-        notes: What was left out, in sentences.
+        steps: The engine's default and mended time step, s.
+        forgets: Whether the engine applies efforts for one step only.
+        notes: Sentences on what was left out.
     """
 
     dialect: ClassVar[Dialect]
@@ -111,7 +111,7 @@ class UrdfRun(ABC):
         self._named = NamedContacts(robot)
         self.contacts = self._named.names
         tied = "mimic" in mended and robot.drive.followers
-        self.rods = follower_inertia(robot, q) if tied else {}  # of tie rods: what they turn
+        self.rods = follower_inertia(robot, q) if tied else {}  # inertia by swivel
 
     @abstractmethod
     def joints(self) -> dict[str, tuple[float, float]]:
@@ -131,11 +131,11 @@ class UrdfRun(ABC):
 
     @abstractmethod
     def exert(self, efforts: Mapping[str, float]) -> None:
-        """Go on to ``t`` under efforts (N·m or N, by joint)."""
+        """Simulate until ``t`` under efforts (N·m or N, by joint)."""
 
     @contextmanager
     def file(self, mended: Mended) -> Iterator[str]:
-        """Have the robot's file, mended, for the engine to read; what was left out is noted."""
+        """Yield the path of the edited URDF; ``notes`` says what was left out."""
         root, self.notes = edit_urdf(self.robot, mended, self.dialect)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "robot.urdf"
@@ -160,14 +160,14 @@ class UrdfRun(ABC):
         for _ in range(round(dt / stride)):
             self.t += stride
             rods = {}
-            if self.rods:  # they pull anew in each step
+            if self.rods:  # their forces are computed in each step
                 rods = tie_rod_efforts(self.robot.drive, self.joints(), self.rods, bandwidth)
             self.exert(efforts | {name: efforts.get(name, 0.0) + rods[name] for name in rods})
         if not np.linalg.norm(self.motion(self.robot.description.root).velocity) < MAX_SPEED:
             raise EngineFault(f"{self.dialect.name}'s motion of {self.robot.name} diverges")
 
     def state(self) -> EngineState:
-        """Return the state now; loads are those of the last step."""
+        """Return the present state; the loads are those of the last step."""
         root = self.motion(self.robot.description.root)
         return EngineState(
             pose=np.array([*root.origin, *pin.Quaternion(root.rotation).coeffs()]),
@@ -180,17 +180,16 @@ class UrdfRun(ABC):
 
 @dataclass(frozen=True)
 class UrdfEngine(ABC):
-    """An engine that reads a URDF; :class:`rpctl.engines.engine.Engine` has the methods.
+    """An engine that reads a URDF; an :class:`rpctl.engines.engine.Engine`.
 
     Attributes:
-        name: As its makers write it.
+        name: The engine's name, as its makers write it.
         tick: How long efforts are held, s.
-        module: What is imported of it, when it starts.
-        distribution: The name of its package.
-        extra: What installs it.
-        run: The class of its runs, made of a robot, q, what is mended, and the friction.
-        said: What it does by default and what mends it, by switch: those of any robot, and those of
-            wheels, supports and other shapes where they matter.
+        module: The module to import.
+        distribution: Name of the engine's package.
+        extra: The extra of rpctl that installs it.
+        run: The class of its runs; takes the robot, q, the mended switches and the friction.
+        said: By switch, what the engine does by default and what mends it.
 
     Raises:
         EngineMissing: It is not installed.
@@ -205,9 +204,10 @@ class UrdfEngine(ABC):
     said: ClassVar[Mapping[str, tuple[str, str]]]
 
     def __post_init__(self) -> None:
-        """Refuse where it is not installed; its library is imported when it starts."""
+        """Refuse to be made if the engine is not installed; a run imports its library."""
         if find_spec(self.module) is None:
-            raise EngineMissing(f"{self.name} is not installed; pip install 'rpctl[{self.extra}]'")
+            command = install_command(self.extra)
+            raise EngineMissing(f"{self.name} is not installed; run {command}")
 
     @property
     def version(self) -> str:
@@ -216,10 +216,10 @@ class UrdfEngine(ABC):
 
     @abstractmethod
     def own_switches(self, robot: Robot) -> Iterator[Switch]:
-        """Yield the switches that the robot has words for."""
+        """Yield the switches whose words depend on the robot."""
 
     def switches(self, robot: Robot) -> tuple[Switch, ...]:
-        """Return the switches that mean something here, of this robot."""
+        """Return the switches that matter for this robot in this engine."""
         matters = {
             "wheel": edged_wheels(robot),
             "caster": bool(find_supports(robot).parts),
@@ -229,23 +229,23 @@ class UrdfEngine(ABC):
         return in_order([*common, *self.own_switches(robot)])
 
     def start(self, robot: Robot, q: Array, mended: Mended, friction: float) -> UrdfRun:
-        """Return the robot at rest at q (nq,), its wheels at the height of the ground.
+        """Return the robot at rest at q (nq,), with its wheels on the ground.
 
         Args:
             robot: The robot.
             q: Configuration (nq,).
-            mended: What is mended.
-            friction: Coefficient between wheels and ground where ``friction`` is mended.
+            mended: The mended switches.
+            friction: Coefficient of friction between wheels and ground if ``friction`` is mended.
 
         Raises:
-            EngineFault: The engine refuses the robot, or has nothing that rolls like its wheels:
-                its friction is the same in all directions.
+            EngineFault: The engine refuses the robot, or cannot model its wheels because its
+                friction is the same in all directions.
         """
         held = [wheel for wheel in robot.drive.wheels if one_directional(robot, wheel)]
         if "wheel" in mended and held:
-            sliding = f"wheel that slides sideways, as {held[0].joint} does"
+            sliding = f"wheels that slide sideways, as {held[0].joint} does"
             what = "rollers" if robot.drive.type in ("mecanum", "omni") else sliding
-            raise EngineFault(f"{robot.name} is not compared in {self.name}: it has no {what}")
+            raise EngineFault(f"{robot.name} cannot run in {self.name}, which has no {what}")
         run: UrdfRun = self.run(robot, q, mended, friction)
         return run
 

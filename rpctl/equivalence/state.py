@@ -34,12 +34,16 @@ class State:
 
 
 def draw_state(robot: Robot, seed: int, sample: int) -> State:
-    """Return the random state that :func:`rpctl.verify` compares at a sample of a seed.
+    """Return the random state of one sample of :func:`rpctl.verify`.
 
     Args:
         robot: The robot.
-        seed: Seed of all samples.
-        sample: Index of the sample.
+        seed: Seed of the certificate.
+        sample: Index of the sample, from 0.
+
+    Returns:
+        q (nq,), v (nv,) of the free tree, ν and ν̇ (dof,), and ``push`` (n_act,), see
+        :class:`State`.
     """
     rng = np.random.default_rng([seed, sample])
     q = robot.random_configuration(rng)

@@ -19,6 +19,7 @@ from rpctl.equivalence.certificate import (
     Skipped,
     worst_cases,
 )
+from rpctl.equivalence.contact.mujoco_body import mujoco_absence
 from rpctl.equivalence.file_drive import FileReading, read
 from rpctl.equivalence.gibbs_appell import (
     BREAKDOWNS,
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
     from rpctl.equivalence.onset.trial import OnsetTrial
 
 ENGINES = ("mujoco",)
-ABSENT = "not installed: pip install 'rpctl[mujoco]', with Python 3.11 or later"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,19 +55,18 @@ class Certificate:
     """The outcome of :func:`rpctl.verify`: all checks of one robot.
 
     Attributes:
-        robot: Its name.
+        robot: Name of the robot.
         samples: Number of random states.
-        seed: Their seed.
-        checks: The comparisons; each with its worst state.
-        skipped: Comparisons that were not made.
-        declared: How far the user's own numbers are from the file's shapes; neither passed nor
-            failed.
-        scope: What the rows prove, and what they take for granted of this robot.
-        idealised: What the model leaves out of the file, or takes for simpler, in sentences; no
-            comparison here can tell.
-        contact: The trial on the ground, where it was asked for and could be made.
-        onset: The trial of slip and tipping predictions, where it was asked for and could be made.
-        loaded_with: The arguments with which :func:`rpctl.load` gives this robot.
+        seed: Seed of the states.
+        checks: The comparisons, each with its worst state.
+        skipped: Comparisons that were not made, with reasons.
+        declared: Differences between the user's numbers and the file's shapes; they neither pass
+            nor fail.
+        scope: What the rows prove, and what they assume about this robot.
+        idealised: Sentences on what the model neglects or simplifies; no comparison detects it.
+        contact: The trial on the ground, if it was requested and possible.
+        onset: The trial of the predicted slipping and tipping, likewise.
+        loaded_with: The arguments with which :func:`rpctl.load` loads this robot.
     """
 
     robot: str
@@ -90,7 +89,7 @@ class Certificate:
 
     @property
     def passed(self) -> bool:
-        """Whether every comparison that was made passed."""
+        """Whether all comparisons that were made passed."""
         trials = [trial for trial in (self.contact, self.onset) if trial is not None]
         return all(trial.passed for trial in trials) and all(check.passed for check in self.checks)
 
@@ -100,12 +99,12 @@ class Certificate:
         return tuple(check for check in self.checks if not isinstance(check, Condition))
 
     def strict(self) -> Certificate:
-        """Return it with the declared numbers among the checks: they fail where shapes differ."""
+        """Return the certificate with the declared numbers among the checks that can fail."""
         return replace(self, checks=(*self.checks, *self.declared), declared=())
 
     @property
     def notes(self) -> list[tuple[str, str]]:
-        """What else there is to say, each with the name of the other side."""
+        """Further sentences, each with the name of the other derivation."""
         remarks = [(c.against, c.note) for c in (*self.checks, *self.declared) if c.note]
         if self.contact is not None:
             remarks += [(CONTACT_ORACLE, note) for note in self.contact.notes]
@@ -113,7 +112,7 @@ class Certificate:
 
     @property
     def worst(self) -> Check:
-        """The comparison nearest to its limit, or furthest beyond it."""
+        """The comparison with the largest ratio of residual to limit."""
         return max(self.comparisons, key=lambda check: check.limit_ratio)
 
     def to_dict(self) -> dict[str, Any]:
@@ -159,23 +158,26 @@ def verify(
 ) -> Certificate:
     """Compare the reduced dynamics with independent derivations at random states.
 
-    The derivations read the user's file for themselves; what they share is on the certificate.
+    Each derivation reads the user's file itself; the certificate lists what they share. The main
+    one is Gibbs-Appell's ([MS21, Eq. 1-5]).
 
     Args:
         robot: The robot.
         samples: Number of random states.
         seed: Seed of the states; sample k is ``draw_state(robot, seed, k)``.
-        engines: Other physics engines that take part (``"mujoco"``). One that is not installed, or
-            that refuses the robot, has a row that says so.
-        progress: Called with the number of states done.
-        trials: What it is to do on a plane, too, as a free body in MuJoCo: to roll (``"contact"``),
-            to slip and to tip, and when that was predicted (``"onset"``).
+        engines: Physics engines to compare with (``"mujoco"``). If one is not installed or refuses
+            the robot, a row says so.
+        progress: Called with the number of finished states.
+        trials: Trials of the robot as a free body on a plane in MuJoCo: ``"contact"`` (rolling) and
+            ``"onset"`` (the predicted onsets of slipping and tipping). A trial that cannot be made
+            fails.
 
     Returns:
         The certificate; a comparison that is not finite fails.
 
     Raises:
-        RpctlError: ``samples`` is not positive or beyond the cap, or an engine is not known.
+        RpctlError: ``samples`` is not positive or exceeds its cap.
+        UnknownNameError: An engine is not known.
     """
     _require_samples(samples)
     reading, dynamics = read(robot), ReducedDynamics(robot)
@@ -303,7 +305,7 @@ def _engine(
     require_known("engine", engines, ENGINES)
     if "mujoco" not in engines:
         return None, ()
-    note = ABSENT
+    note = mujoco_absence()
     if mujoco_engine.installed():
         try:
             return mujoco_engine.engine_of(robot, reading), ()
@@ -329,7 +331,11 @@ def _with_trials(robot: Robot, certificate: Certificate, trials: Collection[str]
     undone: list[Check] = []
     for kind in trials:
         name, run = known[kind]
-        trial = run(robot) if mujoco_engine.installed() else Skipped(name, CONTACT_ORACLE, ABSENT)
+        trial = (
+            run(robot)
+            if mujoco_engine.installed()
+            else Skipped(name, CONTACT_ORACLE, mujoco_absence())
+        )
         if isinstance(trial, Skipped):
             undone.append(Check(name, CONTACT_ORACLE, math.inf, 1.0, entry=trial.note))
         else:

@@ -60,13 +60,13 @@ SIGNED = "a positive number"  # what a range wants where the sign is wrong, not 
 
 @dataclass(frozen=True)
 class Setting:
-    """What a field means.
+    """The meaning of a field of a record, given as ``Annotated[TYPE, Setting(...)]``.
 
     Attributes:
-        unit: SI, or empty.
-        label: Its name in a report.
-        help: One sentence.
-        metavar: What a command line shows in its place; a placeholder by its type if empty.
+        unit: Unit in SI, or empty.
+        label: Name of the field in a report.
+        help: One sentence for help texts.
+        metavar: Placeholder on the command line; empty: one that follows from the type.
     """
 
     unit: str = ""

@@ -32,20 +32,26 @@ def as_reference(
 ) -> FunctionReference:
     """Return the reference that a function of time describes.
 
-    The derivatives are those of the polynomial of sixth degree through seven values of the
-    function, 10 ms apart; between t = 0 and the end it is called nowhere else. They are good to
-    about 1e-9 where the function is smooth, and mean nothing where it jumps or bends sharply.
+    Derivatives are those of the sixth-degree polynomial through seven values of the function,
+    10 ms apart; the function is never called before t = 0 or after the end. For a smooth function
+    they are accurate to about 1e-9; near jumps and sharp bends they are wrong.
 
     Args:
-        function: Of the time t (s), returns the pose of P and the arm's positions (3 + n_joints,):
-            x and y (m), heading (rad; it may jump by full turns), joints (rad or m).
-        joints: Positions (n_joints,) where the arm stays; the function returns no joints then.
-        along_path: Whether the heading is the direction of motion; the function leaves it out and
-            returns x and y, then the joints.
-        duration: s; afterwards the reference stands still where it is. None: it has no end.
+        function: Takes the time t (s) and returns the pose of P and the arm's positions
+            (3 + n_joints,): x and y (m), heading (rad; it may jump by full turns), joints (rad or
+            m, in the order of ``robot.joint_names``).
+        joints: Constant positions of the arm (n_joints,), rad or m; the function then returns no
+            joints.
+        along_path: Whether the heading is the direction of motion; the function then returns no
+            heading, only x and y, then the joints.
+        duration: Duration, s; afterwards the reference stands still at its last pose. None: it has
+            no end.
+
+    Returns:
+        The reference; called with a time (s) it returns a :class:`ReferenceState`.
 
     Raises:
-        RpctlError: It is no function, or the duration no positive number of at least 60 ms.
+        RpctlError: ``function`` cannot be called, or the duration is less than 60 ms.
     """
     return FunctionReference(function, joints, along_path, duration)
 

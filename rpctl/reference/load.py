@@ -93,19 +93,24 @@ def load_reference(
 ) -> Reference:
     """Return a reference by its name, or from a file in CSV or TOML.
 
-    Its ``sizing`` says how large and fast a named one is, its ``recording`` what became of a CSV.
+    The ``sizing`` of a named reference says how large and fast it is; the ``recording`` of a CSV
+    file says how its rows were changed.
 
     Args:
         robot: The robot.
-        source: As of ``--reference``: a name, or a file: ``.csv`` or ``.toml``.
-        smooth: Of a CSV: by how much it may miss its rows, m rms; ``auto``: by their noise.
-        retime: Whether to slow a CSV down where it asks more than the robot's limits.
-        collisions: Whether the arm of a named one keeps its links clear.
-        **sizes: Of a named one: ``size`` (m), ``speed`` (m/s, of a spin rad/s), ``laps``.
+        source: A name, or a ``.csv`` or ``.toml`` file, as for ``--reference``.
+        smooth: For a CSV file, root mean square distance (m) by which smoothing may deviate from
+            the rows; ``"auto"``: as their noise requires; None: no smoothing.
+        retime: Whether to slow a CSV file down where it exceeds the robot's limits.
+        collisions: Whether a named reference keeps the arm's links clear of collisions.
+        **sizes: For a named reference ``size`` (m), ``speed`` (m/s; rad/s for a spin), ``laps``.
+
+    Returns:
+        The reference; called with a time (s) it returns a :class:`ReferenceState`.
 
     Raises:
-        UnknownNameError: There is no such reference, and the name is no file's.
-        RpctlError: The file has faults, or the robot cannot follow.
+        UnknownNameError: There is neither a reference nor a file with this name.
+        RpctlError: The file has faults, or the robot cannot follow the reference.
     """
     source, wish, suffix = str(source), SizingRequest(**sizes), Path(source).suffix.lower()
     require_smoothing(smooth)

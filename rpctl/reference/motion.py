@@ -28,20 +28,25 @@ MAX_SHOWN_CHARACTERS = 80  # of a value in a message
 class ReferenceState(NamedTuple):
     """A reference at one time: base and arm, each with first and second derivatives.
 
-    The twist is P's speed forward and to the left and the turning rate, in the axes of the
-    reference itself; ``twist_dot`` holds the derivatives of these three numbers.
-
-    ``direction`` (3, 3) is a vector along the twist that does not vanish where the reference
-    stands still, and its first two derivatives by time: steered wheels point along it. None where
-    the twist itself is all there is to know.
+    Attributes:
+        pose: Pose of P (3,) in the world: x and y (m), heading (rad).
+        twist: Speed of P forward and to the left (m/s) and turning rate (rad/s) (3,), in the
+            reference's own axes.
+        twist_dot: Derivatives of these three numbers (3,), m/s² and rad/s².
+        joints: Positions of the arm (n_joints,), rad or m, in the order of ``robot.joint_names``.
+        joint_rates: Their rates (n_joints,), rad/s or m/s.
+        joint_accelerations: Their accelerations (n_joints,), rad/s² or m/s².
+        direction: A vector along the twist that does not vanish if the reference stands still, and
+            its first two derivatives by time, in the rows of (3, 3): steered wheels point along it.
+            None: the twist serves.
     """
 
-    pose: Array  # (3,) of P: x, y in m, heading in rad
-    twist: Array  # (3,) m/s, m/s, rad/s
-    twist_dot: Array  # (3,) m/s², m/s², rad/s²
-    joints: Array  # (n_joints,) rad or m
-    joint_rates: Array  # (n_joints,)
-    joint_accelerations: Array  # (n_joints,)
+    pose: Array
+    twist: Array
+    twist_dot: Array
+    joints: Array
+    joint_rates: Array
+    joint_accelerations: Array
     direction: Array | None = None
 
 

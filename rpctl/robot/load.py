@@ -49,37 +49,40 @@ def load(
     """Load a robot.
 
     Args:
-        source: A URDF, a .xacro (its expressions are run, confined), or a name of the catalogue or
-            of robot_descriptions (``rpctl robots``).
+        source: A URDF, a .xacro file (its expressions run in confinement), or a name of the
+            catalogue or of robot_descriptions (``rpctl robots``).
         drive: The drive, its type (``"differential"``, ...; see ``Drive``), or a drive file (TOML);
-            None finds it.
-        **settings: What follows, by name.
-        lock: Joints to freeze besides the catalogue's: name patterns (``"hand_*"``), at position 0,
-            or ``{pattern: position}``, rad or m.
-        density: kg/m³ from which the shapes of links without <inertial> estimate their inertias.
+            None: detect it.
+        **settings: The following keyword arguments.
+        lock: Joints to freeze in addition to the catalogue's: name patterns (``"hand_*"``), at
+            position 0, or ``{pattern: position}``, rad or m.
+        density: Density, kg/m³, for estimating the inertia of links without <inertial> from their
+            shapes; None: no estimate.
         end_effector: Link to track; None takes the end of the longest chain of moving joints.
-        strict: Whether warnings, and what is assumed of the drive, are errors.
-        package_dirs: Packages, or folders that hold packages at any depth, where ``package://`` and
-            ``$(find ...)`` look first; then the workspace around the file and ROS's search paths.
-        xacro_args: Values of the arguments of a .xacro, by name; ``"env:NAME"`` is a variable for
-            its ``$(env NAME)``, which sees none of the environment's.
-        ignore_missing_packages: Whether includes from packages that are not found are left out.
-        home: Where the arm starts: ``{joint: position}`` (rad or m), or words: ``"NAME=POSITION"``,
-            a state of an SRDF (``"robot.srdf:home"``), ``"auto"`` for a posture to work from,
-            ``"zero"``. Joints left out are at 0 or well inside their limits, wherever the arm can
-            work from there.
-        free: Name patterns of joints that are to move though they are frozen by default: those of
-            grippers, suspensions and the catalogue; and of wheels that are an arm's joints.
-        losses: Whether damping and friction of the file count; False is the ideal robot of [MS21].
-        root: ``"free"`` lets the root link pitch, roll and rise, on two wheels; ``"planar"`` keeps
-            it level. None: as the robot stands; where it stands on two wheels alone, it leans.
+        strict: Whether warnings and assumptions about the drive are errors.
+        package_dirs: Packages, or folders that contain packages at any depth, which ``package://``
+            and ``$(find ...)`` search first; then they search the workspace around the file and
+            ROS's paths.
+        xacro_args: Arguments of a .xacro file, by name; ``"env:NAME"`` sets a variable for
+            ``$(env NAME)``, which does not see the environment.
+        ignore_missing_packages: Whether to skip includes from packages that are not found.
+        home: Start posture of the arm: ``{joint: position}`` (rad or m), or words:
+            ``"NAME=POSITION"``, a state of an SRDF (``"robot.srdf:home"``), ``"auto"`` for a
+            posture from which the arm can work, or ``"zero"``. Missing joints are at 0, or well
+            inside their limits if the arm can work from there.
+        free: Name patterns of joints that move although they are frozen by default (those of
+            grippers, suspensions and the catalogue), and of wheels that belong to an arm.
+        losses: Whether the file's damping and friction count; False: the ideal robot of [MS21].
+        root: ``"free"``: the root link can pitch, roll and rise, on two wheels; ``"planar"``: it
+            stays level. None: free if the robot stands on two wheels only.
         armature: Whether the rotors of the file's transmissions count (I n² on M's diagonal), or
-            ``{pattern: I n²}`` (kg·m², or kg where the joint slides) for the others.
+            ``{pattern: I n²}`` (kg·m²; kg for prismatic joints) for other joints.
 
     Raises:
-        DescriptionError: The file cannot be used; every fault is named with its line.
-        ExpansionError, DriveError: A .xacro cannot be expanded; no drive was found, or several.
-        UnknownNameError: A name is not known; the nearest are suggested.
+        DescriptionError: The file cannot be used; the message names each fault with its line.
+        ExpansionError, DriveError: A .xacro file cannot be expanded; no drive, or more than one,
+            was found.
+        UnknownNameError: A name is not known; the message suggests similar ones.
     """
     return load_robot(source, LoadSettings.of(drive, **settings))
 

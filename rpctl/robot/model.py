@@ -36,20 +36,21 @@ HOME_MARGIN = 0.3  # of a joint's range: home keeps this far from its limits
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Robot:
-    """A wheeled robot on flat ground; two of them are the same if they are one object.
+    """A wheeled robot on flat ground; robots are compared by identity.
 
     Attributes:
-        name: The robot's name.
+        name: Name of the robot.
         source: What it was loaded from: an absolute path or a catalogue name.
         description: Its URDF.
-        model: ``pinocchio.Model`` with a ``JointModelPlanar`` root, locked joints frozen.
-        drive: Its wheels.
+        model: ``pinocchio.Model`` with a ``JointModelPlanar`` root (``JointModelFreeFlyer`` for a
+            robot that leans) and locked joints frozen.
+        drive: Its wheels and how they move it.
         locked: Frozen joints and their positions (rad or m).
-        joints: The arm: moving joints that are no wheels, swivels or mimics, in file order.
-        end_effector: Link whose pose is tracked, or None for a robot without an arm.
-        findings: What was noticed in the description and the model.
-        loaded_with: What else it was loaded with.
-        losses: Damping and friction in its joints; None: it loses nothing.
+        joints: The arm: moving joints other than wheels, swivels and mimic joints, in file order.
+        end_effector: Link whose pose is tracked; None for a robot without an arm.
+        findings: Errors, warnings and notes on the description and the model.
+        loaded_with: The other arguments of :func:`rpctl.load`.
+        losses: Damping and dry friction of its joints; None: it has no losses.
     """
 
     name: str
@@ -76,7 +77,7 @@ class Robot:
 
     @cached_property
     def tree(self) -> FrozenTree:
-        """Its links, with the locked joints held."""
+        """The tree of its links, with the locked joints frozen."""
         return FrozenTree(self.description, self.locked)
 
     @cached_property
@@ -85,10 +86,10 @@ class Robot:
         return tuple(joint.name for joint in self.joints)
 
     def require_level(self) -> None:
-        """Refuse a robot that leans, where only those are dealt with whose root link stays level.
+        """Raise for a robot that leans; for functions that require a level root link.
 
         Raises:
-            RpctlError: It leans.
+            RpctlError: The robot leans.
         """
         if self.drive.leans:
             raise RpctlError(
@@ -100,31 +101,31 @@ class Robot:
 
     @cached_property
     def legs(self) -> frozenset[str]:
-        """Names of the joints at whose ends wheels are."""
+        """Names of the joints that carry wheels at their ends."""
         parts = (self.description.joint[wheel.joint] for wheel in self.drive.wheels)
         carriers = {above.name for part in parts for above in self.tree.free_joints(part.parent)}
         return frozenset(carriers.intersection(self.joint_names))
 
     @cached_property
     def entries(self) -> dict[str, JointEntry]:
-        """The entries in q of all the model's joints, by name."""
+        """The entries in q of all joints of the model, by name."""
         return joint_entries(self.model)
 
     @property
     def moving_joint_names(self) -> tuple[str, ...]:
-        """Names of all the model's joints: wheels, swivels, the arm's and mimics."""
+        """Names of all joints of the model: wheels, swivels, the arm's and mimic joints."""
         return tuple(self.entries)
 
     @cached_property
     def quasi_velocities(self) -> tuple[str, ...]:
-        """Names of ν: the base's speeds (v of P, omega), then the joints' rates."""
+        """Names of the entries of ν: the base's speeds (as v of P and omega), then joint rates."""
         return self.drive.base_speeds + self.joint_names
 
     @cached_property
     def actuators(self) -> tuple[str, ...]:
-        """Names of τ: the driven wheels' joints, the driven swivels', then the arm's.
+        """Names of the entries of τ: driven wheels, driven swivels, then the arm's joints.
 
-        An arm's joint whose effort limit is 0 has no motor.
+        A joint of the arm with an effort limit of 0 has no actuator.
         """
         wheels = tuple(wheel.joint for wheel in self.drive.wheels if wheel.driven)
         swivels = tuple(swivel.joint for swivel in self.drive.swivels if swivel.driven)
@@ -152,12 +153,12 @@ class Robot:
 
     @property
     def armature(self) -> Array:
-        """Inertia of the rotors (nv,), seen from their joints: I n², kg·m² or kg; M has it, too."""
+        """Rotor inertia seen from each joint (nv,), I n², kg·m² or kg; M contains it."""
         return np.array(self.model.armature)
 
     @cached_property
     def mimics(self) -> tuple[Joint, ...]:
-        """Moving joints that follow another one."""
+        """The moving mimic joints."""
         return tuple(
             joint
             for joint in self.description.joints
@@ -165,11 +166,11 @@ class Robot:
         )
 
     def frame(self, link: str) -> pin.Frame:
-        """Return the frame of a link in the model: the joint that moves it, and its pose there."""
+        """Return the frame of a link in the model: its parent joint and its pose therein."""
         return self.model.frames[self.model.getFrameId(link, pin.FrameType.BODY)]
 
     def end_effector_pose(self, data: pin.Data, q: Array) -> pin.SE3:
-        """Return the pose of the end effector in the world; ``data`` is overwritten.
+        """Return the pose of the end effector in the world (m) at q (nq,); overwrites ``data``.
 
         Raises:
             RpctlError: The robot has no end effector.
@@ -181,7 +182,7 @@ class Robot:
         return pin.updateFramePlacement(self.model, data, frame).copy()
 
     def end_effector_poses(self, q: Array) -> Array:
-        """Return the poses (K, 4, 4) of the end effector in the world at q (K, nq)."""
+        """Return the poses (K, 4, 4) of the end effector in the world, m, at q (K, nq)."""
         frame = self.frame(str(self.end_effector))
         pose = self.joint_poses(q, [frame.parentJoint])[frame.parentJoint]
         found = np.tile(np.eye(4), (len(q), 1, 1))
@@ -190,10 +191,14 @@ class Robot:
         return found
 
     def joint_poses(self, q: Array, joints: Iterable[int]) -> dict[int, Array]:
-        """Return where joints of the model, and all above them, are in the world at q (K, nq).
+        """Return the poses in the world of some joints and all their ancestors at q (K, nq).
+
+        Args:
+            q: Configurations (K, nq).
+            joints: Indices of the joints in the model.
 
         Returns:
-            By index the axes of each and its origin, m, in the columns of (3, 4, K).
+            By index of the joint, its axes and its origin (m) as columns, in (3, 4, K).
         """
         found = {0: np.repeat(np.eye(3, 4)[:, :, None], len(q), axis=2)}
         for joint in sorted({above for below in joints for above in self.model.supports[below]}):
@@ -230,12 +235,12 @@ class Robot:
 
     @cached_property
     def velocity_limits(self) -> Array:
-        """Limits of the rates of the actuators' joints (n_act,), rad/s or m/s; inf where none."""
+        """Velocity limits of the actuators' joints (n_act,), rad/s or m/s; inf where none."""
         return np.array([self.description.joint[name].velocity for name in self.actuators])
 
     @cached_property
     def steering_limits(self) -> SteeringLimits:
-        """Limits of the steered joints, with those of the wheels that follow them."""
+        """Limits of the steered joints that follow from their own and their followers' limits."""
         return steering_limits(self.drive, self.description.joint)
 
     def velocity_index(self, joint: str) -> int:
@@ -256,12 +261,12 @@ class Robot:
             x: Position of the root link, m.
             y: Position of the root link, m.
             theta: Heading of the root link, rad.
-            joints: Positions (rad or m) by joint name; 0 for those left out. Mimic joints follow,
-                and so do the swivels of wheels that others' steering determines; they follow the
-                positions as given, also where a continuous joint's q has full turns taken off.
+            joints: Positions (rad or m) by joint name; 0 for missing ones. Mimic joints and swivels
+                that follow others are computed from the given positions, including the full turns
+                of continuous joints, which q does not contain.
 
         Raises:
-            UnknownNameError: A joint is not among the model's.
+            UnknownNameError: The model has no joint with a given name.
         """
         q: Array = pin.neutral(self.model)
         write_root(q, x, y, theta)
@@ -286,25 +291,25 @@ class Robot:
         rates: Mapping[str, float] | None = None,
         twist_frame: str = "body",
     ) -> tuple[Array, Array]:
-        """Return q (nq,) and ν (dof,) of a state that is given by names; :meth:`state_of` inverts.
+        """Return q (nq,) and ν (dof,) of a state given by names; :meth:`state_of` is the inverse.
 
-        What of ν is not given is NaN, which :class:`rpctl.Controller` takes for a rate that nobody
-        measures, and estimates. No missing rate is taken for rest.
+        Missing entries of ν are NaN: :class:`rpctl.Controller` estimates these rates. A missing
+        rate never counts as zero.
 
         Args:
-            pose: Of the root link: x, y (m) and heading (rad), in the frame of the reference, as a
-                map or odom; a localisation may let it jump.
-            twist: The base's quasi-velocities in the order of ``drive.base_speeds``, m/s and
-                rad/s; NaN where it is left out. They are P's in the base's own axes, whatever the
-                pose's frame: odometry's twist as it comes.
-            joints: Positions by joint name, as of :meth:`configuration`; rad or m.
-            rates: Rates of the arm's joints by name, rad/s or m/s; NaN for those left out.
-            twist_frame: ``"body"``, or ``"world"`` where the twist begins with P's velocity along
-                the axes of the pose's frame, (v_x, v_y), and goes on as that of the body.
+            pose: Pose of the root link: x, y (m) and heading (rad), in the frame of the reference,
+                such as map or odom; it may jump as a localisation does.
+            twist: The base's quasi-velocities in the order of ``drive.base_speeds``, m/s and rad/s;
+                NaN if it is left out. They are P's in the base's axes, as in odometry messages,
+                whatever the frame of the pose.
+            joints: Positions by joint name, rad or m, as in :meth:`configuration`.
+            rates: Rates of the arm's joints by name, rad/s or m/s; NaN for missing ones.
+            twist_frame: ``"body"``, or ``"world"`` if the twist begins with P's velocity (v_x, v_y)
+                along the axes of the pose's frame, followed by the remaining body entries.
 
         Raises:
-            RpctlError: There are too few or too many numbers, or a position is not finite or a
-                rate infinite.
+            RpctlError: There are too few or too many numbers, a position is not finite, or a rate
+                is infinite.
             UnknownNameError: A joint is not known.
         """
         speeds, rates = self.drive.base_speeds, rates or {}
@@ -331,7 +336,7 @@ class Robot:
         return q, nu
 
     def state_of(self, q: Array, nu: Array) -> NamedState:
-        """Return the state that q (nq,) and ν (dof,) stand for, by names."""
+        """Return the state (q (nq,), ν (dof,)) by names, the inverse of :meth:`state`."""
         count = len(self.drive.base_speeds)
         positions = {name: self.joint_position(q, name) for name in self.moving_joint_names}
         rates = dict(zip(self.joint_names, nu[count:].tolist(), strict=True))
@@ -346,13 +351,13 @@ class Robot:
             position: rad or m.
 
         Raises:
-            UnknownNameError: The joint is not among the model's.
+            UnknownNameError: The model has no such joint.
         """
         require_known("joint", [joint], self.entries)
         self.entries[joint].write(q, position)
 
     def joint_position(self, q: Array, joint: str) -> float:
-        """Return a joint's position (rad or m) in q, or where it is locked."""
+        """Return a joint's position (rad or m) in q (nq,), or its locked position."""
         return self.locked[joint] if joint in self.locked else self.entries[joint].read(q)
 
     def joint_positions(self, q: Array) -> Array:
@@ -363,7 +368,8 @@ class Robot:
     def point_velocity(self) -> Array:
         """The map (3, 3) from the root link's velocity in its own axes to the twist of P.
 
-        The twist is P's speed along the heading and to its left (m/s), and the turning rate.
+        The twist is the speed of P along the heading and to its left (m/s), and the turning rate
+        (rad/s).
         """
         px, py = self.drive.point
         cos, sin = math.cos(self.drive.heading), math.sin(self.drive.heading)
@@ -377,21 +383,21 @@ class Robot:
         return np.asarray(np.linalg.inv(self.point_velocity), dtype=float)
 
     def base_pose(self, q: Array) -> Array:
-        """Return the pose (x, y, θ) of P and of the forward direction in the world; m, rad."""
+        """Return the pose (x, y, θ) of P in the world, θ of the forward direction; m, rad."""
         cos, sin = q[2], q[3]
         px, py = self.drive.point
         theta = math.atan2(sin, cos) + self.drive.heading
         return np.array([q[0] + cos * px - sin * py, q[1] + sin * px + cos * py, theta])
 
     def base_poses(self, q: Array) -> Array:
-        """Return the poses (K, 3) of P at q (K, nq), as :meth:`base_pose`."""
+        """Return the poses (K, 3) of P at q (K, nq), as :meth:`base_pose` does for one."""
         x, y, cos, sin = q[:, :BASE_NQ].T
         px, py = self.drive.point
         heading = np.arctan2(sin, cos) + self.drive.heading
         return np.column_stack([x + cos * px - sin * py, y + sin * px + cos * py, heading])
 
     def level_place(self, q: Array) -> list[float]:
-        """Return where the robot stands, seen from above: x and y (m), cosine and sine."""
+        """Return the planar pose of the root link: x and y (m), cosine and sine of its heading."""
         found: list[float] = q[:BASE_NQ].tolist()
         return found
 
@@ -417,10 +423,10 @@ class Robot:
         return self.configuration(*self.root_pose(pose), joints=positions)
 
     def random_configuration(self, rng: np.random.Generator) -> Array:
-        """Return a random q (nq,): base anywhere within 10 m, joints within their limits.
+        """Return a random q (nq,): base within ±10 m along x and y, joints within their limits.
 
-        An unlimited revolute joint is drawn from (−π, π), an unlimited prismatic one from ±1 m.
-        Steering stays away from where it fixes no one motion.
+        Unlimited revolute joints are drawn from (−π, π), unlimited prismatic ones from ±1 m.
+        Steering angles keep away from those at which the motion is not unique.
         """
         x, y = rng.uniform(-10.0, 10.0, 2)
         positions = {name: self._draw(name, rng) for name in self.moving_joint_names}
@@ -436,7 +442,7 @@ class Robot:
 
     @cached_property
     def home(self) -> Array:
-        """A posture (n_joints,) of the arm: as given, or 0, kept well inside the limits."""
+        """Home posture of the arm (n_joints,), rad or m: as given, or 0, well inside the limits."""
         given = self.loaded_with.home
         positions = given if isinstance(given, Mapping) else {}
         return read_only([positions.get(joint.name, _home(joint)) for joint in self.joints])

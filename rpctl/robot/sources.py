@@ -19,6 +19,7 @@ from rpctl.description.packages import require_folders
 from rpctl.description.records import ReadSettings
 from rpctl.errors import DescriptionError, InputError, RpctlError, UnknownNameError
 from rpctl.files.caps import at_home, is_file, is_folder, read_text
+from rpctl.libraries import install_command
 from rpctl.robot import catalog
 from rpctl.robot.load_settings import LoadSettings
 
@@ -26,7 +27,6 @@ PACKAGE = "robot_descriptions"
 SUFFIX = "_description"
 CACHE_VARIABLE, COMMIT_VARIABLE = "ROBOT_DESCRIPTIONS_CACHE", "ROBOT_DESCRIPTION_COMMIT"
 WHEELED_TAGS = {"wheeled", "mobile_manipulator"}
-INSTALL = f"pip install 'rpctl[robots]', then `python -m {PACKAGE} pull NAME` downloads one"
 
 
 @dataclass(frozen=True)
@@ -265,7 +265,8 @@ def find_source(source: str | Path) -> Source:
     public = [robot.name for robot in list_robots()]
     if not public and source.endswith(SUFFIX):
         raise RpctlError(
-            f"robot {source!r} is not known; names that end so are those of {PACKAGE}: {INSTALL}"
+            f"robot {source!r} is not known; names that end in {SUFFIX} are those of {PACKAGE}: "
+            f"run {install_command('robots')}, then `python -m {PACKAGE} pull NAME`"
         )
     raise UnknownNameError("robot", source, (*catalog.names(), *public))
 

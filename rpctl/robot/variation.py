@@ -237,12 +237,12 @@ def _tilt(numbers: BuiltNumbers, slopes: Sequence[Slope]) -> None:
 
 @dataclass(frozen=True)
 class CarriedLoad(Record):
-    """A point mass fixed to a link of the simulated robot."""
+    """A point mass fixed to a link of the simulated robot, unknown to its controller."""
 
     of = "the payload's "
-    link: Annotated[str, Setting("", "", "The link; empty for that of the end effector.")] = ""
+    link: Annotated[str, Setting("", "", "Name of the link; empty: that of the end effector.")] = ""
     mass: Annotated[
-        float, Range(0.0, LARGEST, "0 or more, in kg"), Setting("kg", "mass", "0: none.")
+        float, Range(0.0, LARGEST, "0 or more, in kg"), Setting("kg", "mass", "Mass; 0: no load.")
     ] = 0.0
     com: Annotated[
         Offset, OFFSET, Setting("m", "place", "Its centre of mass (x, y, z) in the link's frame.")
@@ -253,17 +253,17 @@ class CarriedLoad(Record):
     )
 
     def __post_init__(self) -> None:
-        """Refuse what is no load."""
+        """Refuse numbers out of range."""
         super().__post_init__()
         if len(self.com) != 3:
             raise RpctlError(f"the payload's com is {self.com}; give x, y, z in m")
 
     def link_of(self, robot: Robot) -> str:
-        """Return the link that carries it.
+        """Return the name of the link that carries the load.
 
         Raises:
             UnknownNameError: The link is not known.
-            RpctlError: None is named, and the robot has no end effector.
+            RpctlError: No link is named, and the robot has no end effector.
         """
         link = self.link or robot.end_effector
         if link is None:

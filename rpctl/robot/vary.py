@@ -27,12 +27,12 @@ JOINT = "_joint"  # what the joint of a load is called behind the load's own nam
 
 
 def scale_limits(robot: Robot, *, effort: float = 1.0, velocity: float = 1.0) -> Robot:
-    """Return a robot whose effort and velocity limits are those of another, scaled.
+    """Return a copy of a robot with scaled effort and velocity limits.
 
     Args:
-        robot: The other one.
-        effort: Scale of all effort limits.
-        velocity: Scale of all velocity limits.
+        robot: The robot.
+        effort: Scale of all effort limits, positive.
+        velocity: Scale of all velocity limits, positive.
 
     Raises:
         RpctlError: A scale is not positive.
@@ -50,16 +50,16 @@ def set_limits(
     effort: Mapping[str, float] | None = None,
     velocity: Mapping[str, float] | None = None,
 ) -> Robot:
-    """Return a robot with effort and velocity limits of its own, where another has the file's.
+    """Return a copy of a robot with other effort and velocity limits.
 
     Args:
-        robot: The other one.
-        effort: Effort limits (N·m or N) by pattern of joint names (``"arm_*"``); the last that
-            matches counts.
+        robot: The robot.
+        effort: Effort limits (N·m or N) by pattern of joint names (``"arm_*"``); the last match
+            counts.
         velocity: Velocity limits (rad/s or m/s), likewise.
 
     Raises:
-        RpctlError: A limit is not positive, or no joint has such a name.
+        RpctlError: A limit is not positive, or a pattern matches no joint.
     """
     if not effort and not velocity:
         return robot
@@ -79,17 +79,18 @@ def set_limits(
 
 
 def scale_masses(robot: Robot, joints: str, scale: float) -> Robot:
-    """Return a robot that has some masses, and their inertias, scaled in its model.
+    """Return a copy of a robot with some masses and inertias scaled in its model.
 
-    Its description keeps the file's, so ``verify`` tells the two apart.
+    The description keeps the masses of the file, so ``verify`` detects the difference.
 
     Args:
-        robot: The robot to start from.
-        joints: Pattern of joint names (``"arm_*"``): whatever each of them carries directly.
-        scale: Scale of the masses.
+        robot: The robot.
+        joints: Pattern of joint names (``"arm_*"``): the bodies that these joints move directly.
+        scale: Scale of the masses and inertias, positive.
 
     Raises:
-        RpctlError: The scale is not positive, or no joint has such a name.
+        RpctlError: The scale is not positive.
+        UnknownNameError: The pattern matches no joint.
     """
     require_positive("scale", scale)
     model = robot.model.copy()
@@ -169,17 +170,17 @@ def with_payload(
     com: Sequence[float] = (0.0, 0.0, 0.0),
     inertia: Sequence[Sequence[float]] | Array | None = None,
 ) -> Robot:
-    """Return a robot that carries a load; ``verify`` proves its dynamics like any other's.
+    """Return a copy of a robot that carries a load; ``verify`` checks its dynamics as well.
 
-    The load is a link of its own, fixed to ``link``, in the description that all derivations read.
+    The load is a link that is fixed to ``link``, in the description that all derivations read.
 
     Args:
-        robot: The robot, which stays as it is.
+        robot: The robot.
         link: Name of the link that carries the load.
-        mass: Of the load, kg.
-        com: Its centre of mass (3,) in the link's frame, m.
-        inertia: Its inertia (3, 3) about its centre of mass, along the link's axes, kg·m²; None: a
-            point mass.
+        mass: Mass of the load, kg.
+        com: Centre of mass of the load (3,) in the link's frame, m.
+        inertia: Inertia of the load (3, 3) about its centre of mass, along the link's axes, kg·m²;
+            None: a point mass.
 
     Raises:
         RpctlError: The mass is not positive, or a number is missing or not finite.

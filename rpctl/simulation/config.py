@@ -62,11 +62,11 @@ HEADER = (
 
 @dataclass(frozen=True)
 class LimitOverrides:
-    """Limits that replace the URDF's, by pattern of joint names.
+    """Limits that replace those of the URDF, by pattern of joint names (``"arm_*"``).
 
     Attributes:
-        effort: N·m or N.
-        velocity: rad/s or m/s.
+        effort: Effort limits, N·m or N.
+        velocity: Velocity limits, rad/s or m/s.
     """
 
     effort: Mapping[str, float] = field(default_factory=dict)
@@ -241,14 +241,19 @@ class RunSettings(Record):
         require_smoothing(self.smooth)
 
     def log_step(self, periods: int) -> int:
-        """Return of how many samples of a run of so many control periods one is logged."""
+        """Return the number N such that every Nth sample is logged.
+
+        Args:
+            periods: Number of control periods of the run.
+        """
         return self.log_every or max(1, -(-periods // MAX_LOGGED))
 
     def load_reference(self, robot: Robot, collisions: bool = True) -> Reference:
         """Return the reference; ``collisions`` as of :func:`rpctl.reference.load.load_reference`.
 
         Raises:
-            RpctlError: There is none such, or the robot cannot follow it.
+            UnknownNameError: There is no reference with this name, and no such file.
+            RpctlError: The file has faults, or the robot cannot follow the reference.
         """
         return load_reference(
             robot,
@@ -264,17 +269,21 @@ class RunSettings(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """The configuration of a run: everything but the robot.
+    """The configuration of a run: everything except the robot.
 
     Attributes:
         kinematic: The kinematic law, its name, or a plain function.
         dynamic: The dynamic law, its name, or a plain function.
-        run: The circumstances.
-        limits: Limits that replace the URDF's.
+        run: Reference, duration, start, sample times and friction.
+        limits: Limits that replace those of the URDF.
         plant: Differences between the simulated robot and the controller's model.
-        output: Of a robot that takes speeds: how it follows them, as the controller knows it, and
-            no dynamic law counts; None: its output are efforts.
-        guards: What the controller does about faults, and how fast its efforts may change.
+        output: For a robot that takes speeds, the lag with which it follows them, as the controller
+            knows it; the dynamic law is then not used. None: the robot takes efforts.
+        guards: How the controller treats faults, and the largest rate of efforts.
+
+    Raises:
+        UnknownNameError: The name of a law is not known.
+        RpctlError: A law is not of its kind.
     """
 
     kinematic: KinematicLaw | KinematicFunction = field(
@@ -290,17 +299,17 @@ class Config:
     guards: Guards = field(default_factory=Guards)
 
     def __post_init__(self) -> None:
-        """Take names for the laws that they are."""
+        """Replace the names of laws by the laws."""
         for kind in LAW_CHOICES:
             object.__setattr__(self, kind, read_law(kind, getattr(self, kind)))
 
     @property
     def delay(self) -> float:
-        """Time from a measurement to the efforts it leads to, as it is simulated, s."""
+        """Simulated time from a measurement to the efforts that answer it, s."""
         return self.plant.delay or self.run.delay or 0.0
 
     def on(self, robot: Robot) -> Config:
-        """Return it with the law that balances, if the robot leans and no other was chosen."""
+        """Return the configuration; for a robot that leans, `Balance` replaces the default law."""
         if robot.drive.leans and self.dynamic == default_laws()[1]:
             return dataclasses.replace(self, dynamic=default_laws(robot)[1])
         return self
@@ -310,11 +319,17 @@ class Config:
         kinematic: str | KinematicLaw | KinematicFunction | None = None,
         dynamic: str | DynamicLaw | DynamicFunction | None = None,
     ) -> Config:
-        """Return a configuration with these laws; by its name, one that it has keeps its settings.
+        """Return the configuration with these laws.
+
+        A law that is given by name keeps its settings if the configuration has it already.
+
+        Args:
+            kinematic: The kinematic law, its name, or a function; None: the present one.
+            dynamic: The dynamic law, its name, or a function; None: the present one.
 
         Raises:
-            UnknownNameError: There is no such law.
-            RpctlError: One is no law of its kind.
+            UnknownNameError: The name of a law is not known.
+            RpctlError: A law is not of its kind.
         """
         given: Table = {"kinematic": kinematic, "dynamic": dynamic}
         made = dataclasses.replace(self, **{k: law for k, law in given.items() if law is not None})
@@ -328,16 +343,17 @@ class Config:
     def with_output(
         self, output: str | None, lag: float | None = None, dead_time: float | None = None
     ) -> Config:
-        """Return a configuration with this output.
+        """Return the configuration with this output.
 
         Args:
-            output: ``"effort"``, ``"velocity"``, another kind, or ``"base=twist,arm_*=position"``
-                by groups; what it is already keeps its settings, and None leaves it as it is.
-            lag: Of its speeds, s; None leaves it as it is.
-            dead_time: Of its speeds, s; None leaves it as it is.
+            output: ``"effort"``, ``"velocity"``, another kind, or kinds by group,
+                ``"base=twist,arm_*=position"``. An output of the same kind keeps its settings;
+                None: the present one.
+            lag: Lag of the speeds, s; None: the present one.
+            dead_time: Dead time of the speeds, s; None: the present one.
 
         Raises:
-            RpctlError: There is no such output, or efforts have no lag and dead time.
+            RpctlError: There is no such output, or ``lag`` or ``dead_time`` is given for efforts.
         """
         known = self.output if output is None else as_output(read_groups(output))
         if known is not None and self.output is not None and same_kinds(known, self.output):
@@ -352,7 +368,10 @@ class Config:
         return dataclasses.replace(self, output=output_now)
 
     def with_bandwidth(self, bandwidth: float | None) -> Config:
-        """Return a configuration whose laws give the joints a bandwidth (Hz); None: their own.
+        """Return the configuration with gains for a bandwidth of the arm's joints.
+
+        Args:
+            bandwidth: Bandwidth, Hz; None: the present gains.
 
         Raises:
             RpctlError: The bandwidth is not positive.
@@ -363,13 +382,13 @@ class Config:
         return dataclasses.replace(self, **laws)
 
     def with_known_delay(self) -> Config:
-        """Return a configuration with the gains that a delay leaves which the controller knows."""
+        """Return the configuration with the joints' gains for the known delay, ``run.delay``."""
         told = self.run.control_period, self.run.delay
         laws = {key: knowing_delay(getattr(self, key), *told) for key in LAW_CHOICES}
         return dataclasses.replace(self, **laws)
 
     def with_run(self, **settings: Any) -> Config:
-        """Return a configuration with these settings of ``run``; those that are None stay."""
+        """Return the configuration with these settings of ``run``; None keeps the present one."""
         given = {key: value for key, value in settings.items() if value is not None}
         return dataclasses.replace(self, run=dataclasses.replace(self.run, **given))
 
@@ -436,16 +455,20 @@ def config_from_tables(data: Table, faults: list[str]) -> Config:
 
 
 def write_config(config: Config, path: str | Path, *, schema: bool = False) -> Path:
-    """Write a configuration, complete: reading it gives it back.
+    """Write a configuration with all its settings as TOML; reading the file restores it.
 
     Args:
         config: The configuration.
         path: The file.
-        schema: Whether to write its JSON Schema beside it, too, ``FILE.schema.json``; the file's
-            first line names it, so that editors complete and check what is written there.
+        schema: Whether to write its JSON Schema, too, as ``FILE.schema.json``; the first line of
+            the TOML file names the schema, so that editors complete and check the settings.
+
+    Returns:
+        The path.
 
     Raises:
-        RpctlError: A law has no name or a setting that no file can say; the file cannot be written.
+        RpctlError: A file cannot express the configuration (a law without a name, a simulator in
+            Python), or the file cannot be written.
     """
     tables, faults = to_plain(config), list[str]()
     config_from_tables(tables, faults)

@@ -1,4 +1,4 @@
-"""A robot's MJCF file, written with what it takes to load the robot again, and checked with it."""
+"""Export of a robot as an MJCF file that contains its URDF, and the check of such a file."""
 
 from __future__ import annotations
 
@@ -29,25 +29,26 @@ def export_mjcf(
     meshes: bool = True,
     settings: ContactSettings | None = None,
 ) -> MjcfExport:
-    """Write a robot as MJCF: motors with limits, wheels and casters that roll, sensors, its looks.
+    """Write a robot as MJCF: motors with limits, wheels and casters that roll, sensors, visuals.
 
-    The file is read back by MuJoCo, compared with the reduced model, and run, before it is put in
-    place; a certificate in it lets :func:`check_mjcf` prove it again.
+    MuJoCo reads the file back, and the model is compared with the reduced model and run before the
+    file is written; with the certificate in the file, :func:`check_mjcf` can verify it again.
 
     Args:
         robot: The robot.
         path: The file; meshes go into the folder ``NAME_meshes`` beside it.
-        friction: Coefficient between wheels and ground.
-        wheel_width: Width of the wheels, m, as cylinders, which scrub where they turn; None:
-            crowned wheels, which touch the ground at one point and roll as the model's do.
-        meshes: Whether visual meshes are drawn, too.
-        settings: All else of how it meets the ground; they have the word on the wheels, too.
+        friction: Coefficient of friction between wheels and ground.
+        wheel_width: Width of cylindrical wheels, m, which scrub in turns; None: crowned wheels,
+            which touch the ground at one point and roll like the model's.
+        meshes: Whether to write visual meshes.
+        settings: Contact settings; they replace ``wheel_width``.
 
     Returns:
-        What was compared; ``written`` is False where a row failed: then no file is put in place.
+        The comparisons; ``written`` is False if a row failed, and then no file is written.
 
     Raises:
-        RpctlError: MuJoCo is not installed, cannot do the robot, or the file cannot be written.
+        RpctlError: MuJoCo is not installed or cannot model the robot, or the file cannot be
+            written.
     """
     if settings is None:
         shape = "crowned" if wheel_width is None else "cylinder"
@@ -58,18 +59,21 @@ def export_mjcf(
 def check_mjcf(
     path: str | Path, robot: Robot | None = None, *, package_dirs: Sequence[str | Path] = ()
 ) -> MjcfCheck:
-    """Prove an exported file again, and name what was edited in it.
+    """Verify an exported file again, and name what was edited in it.
 
-    The robot is built from the URDF in the file; nothing that the file names is opened but the
-    robot's own file, where it is there unchanged.
+    The robot is built from the URDF in the file. Of the files that it names, only the robot's own
+    file is opened, if it is unchanged.
 
     Args:
         path: The file.
-        robot: The robot to compare it with; None: the one that the file holds.
-        package_dirs: Packages, or folders that hold packages, of the robot in the file.
+        robot: The robot to compare with; None: the robot in the file.
+        package_dirs: Packages, or folders that contain packages, of the robot in the file.
+
+    Returns:
+        The comparisons and the edits; ``passed`` says whether the certificate holds.
 
     Raises:
-        RpctlError: It is no file that rpctl exported.
+        RpctlError: rpctl did not export this file.
     """
     file, certificate = read_certified(path)
     if robot is not None:

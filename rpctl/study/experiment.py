@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rpctl.arrays import Array
 from rpctl.errors import LARGEST, RpctlError, require_known
 from rpctl.files.records import POSITIVE, Range, Record
-from rpctl.libraries import library
+from rpctl.libraries import install_command, library
 from rpctl.reference.motion import Reference
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.backend import require_backend
@@ -132,14 +132,14 @@ FEWEST = 2  # levels of a grid, and base points of Sobol's design
 
 
 def extra(module: str, what: str = "this study needs", of: str = "study") -> Any:
-    """Return a module of the libraries of ``rpctl[study]``, or of another extra, imported now.
+    """Import a module of the extra ``study``, or of another one, and return it.
 
     Raises:
         RpctlError: It is not installed.
     """
     package = module.partition(".")[0]
     if find_spec(package) is None:
-        raise RpctlError(f"{what} {package}; pip install 'rpctl[{of}]'")
+        raise RpctlError(f"{what} {package}; run {install_command(of)}")
     return library(module)
 
 

@@ -43,13 +43,18 @@ EXAMPLE = "t,commanded,measured, or t,v_commanded,v_measured,omega_commanded,ome
 
 @dataclass(frozen=True)
 class SpeedLog:
-    """Speeds of n channels at K times: what was commanded from then on, and what was measured.
+    """Commanded and measured speeds of n channels at K times.
 
     Attributes:
         t: Times (K,), increasing, s.
-        commanded: (K, n), each held until the next; one channel may be (K,). m/s or rad/s.
-        measured: As ``commanded``.
-        names: Of the channels; empty: their numbers.
+        commanded: Commanded speeds (K, n), m/s or rad/s, each held until the next; a single channel
+            may have the shape (K,).
+        measured: Measured speeds, of the same shape and unit.
+        names: Names of the channels; empty: their numbers.
+
+    Raises:
+        RpctlError: The shapes do not agree, numbers are not finite, times do not increase, or the
+            log is too short or too coarse.
     """
 
     t: Array
@@ -58,7 +63,7 @@ class SpeedLog:
     names: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
-        """Copy the arrays, read-only; refuse what is no log."""
+        """Copy the arrays, read-only; refuse an unusable log."""
         given = self.t, self.commanded, self.measured
         t, commanded, measured = (np.array(each, dtype=float) for each in given)
         if commanded.ndim == 1:
@@ -156,9 +161,10 @@ class ActuatorLag:
     Attributes:
         lag: T that fits all channels best, s.
         dead_time: T_d that fits all channels best, s.
-        residual: Rms of what this model leaves, relative to the rms change of each channel.
-        channels: Each channel by itself.
-        left_out: Why other channels tell nothing, by name.
+        residual: Root mean square residual of this model, relative to that of each channel's
+            change.
+        channels: The fit of each channel.
+        left_out: By name, why other channels were not used.
     """
 
     lag: float
@@ -191,17 +197,21 @@ def lag_from(
 ) -> ActuatorLag:
     """Identify lag and dead time from a log of commanded and measured speeds.
 
-    The motion must excite: a step, or any motion whose commands change faster than the lag. The
-    model's answer to the commands, held in between and T_d late, is exact; least squares over T and
-    T_d bring it nearest to what was measured, from the best of a row of dead times on.
+    The motion must be exciting: a step, or any motion whose commands change faster than the lag.
+    The response of the model T ν̇(t) = c(t − T_d) − ν(t) to held commands is computed exactly;
+    least squares fit T and T_d to the measurement, starting from the best of a grid of dead times.
 
     Args:
-        log: A run whose output were speeds, a log of one's own, or the file of either:
-            ``run.npz``, or CSV as of :func:`~rpctl.study.lag.read_speed_log`.
-        max_dead_time: The longest dead time to look for, s.
+        log: A run with speeds as output, a :class:`SpeedLog`, or the file of either: ``run.npz``,
+            or CSV as in :func:`~rpctl.study.lag.read_speed_log`.
+        max_dead_time: The longest dead time to consider, s.
+
+    Returns:
+        Lag and dead time (s), for all channels together and for each.
 
     Raises:
-        RpctlError: No channel excites, or follows its command as the model says; each says why.
+        RpctlError: No channel is excited and follows its command like the model; the message gives
+            the reason for each.
         DescriptionError: The file cannot be read.
     """
     require_positive("max_dead_time", max_dead_time)

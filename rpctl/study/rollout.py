@@ -32,10 +32,10 @@ class Rollouts:
     """The runs of a rollout.
 
     Attributes:
-        experiment: What they have in common.
+        experiment: What all runs have in common.
         names: Paths of the settings that differ.
-        parameters: Their values (count, n).
-        results: Merits, series and outcomes, a row each.
+        parameters: Values of these settings (count, n).
+        results: Merits, series and outcomes, one row per run.
     """
 
     experiment: Experiment
@@ -58,7 +58,7 @@ class Rollouts:
 
     @property
     def merits(self) -> Mapping[str, Array]:
-        """The merits by name (count,); inf of runs that came to no end."""
+        """The merits by name (count,); inf for runs that did not finish."""
         return {**self.results.merits, "success": self.success.astype(float)}
 
     @property
@@ -73,7 +73,7 @@ class Rollouts:
 
     @property
     def lateral_error(self) -> Array:
-        """Size of its lateral part (count, T), m."""
+        """Absolute lateral error of P (count, T), m; NaN after a run has ended."""
         return np.asarray(self.results.series["lateral_error"], float)
 
     @property
@@ -81,7 +81,7 @@ class Rollouts:
         """Distance of the end effector from its reference (count, T), m.
 
         Raises:
-            RpctlError: The robot has none.
+            RpctlError: The robot has no end effector.
         """
         if "end_effector_error" not in self.results.series:
             raise RpctlError("the robot has no arm, so no end effector")
@@ -89,34 +89,35 @@ class Rollouts:
 
     @property
     def outcomes(self) -> tuple[str, ...]:
-        """What became of each run, in a word of :data:`rpctl.study.merits.RUN_OUTCOMES`."""
+        """The outcome of each run, one of :data:`rpctl.study.merits.RUN_OUTCOMES`."""
         return self.results.outcomes
 
     @property
     def success(self) -> NDArray[np.bool_]:
-        """Which runs (count,) tracked within the tolerance and all limits."""
+        """Whether each run (count,) tracked its reference within the tolerance and all limits."""
         return np.array([outcome == TRACKED for outcome in self.outcomes], bool)
 
     def quantile(self, merit: str, p: float) -> float:
-        """Return the merit that a share p (0 to 1) of the runs do not exceed; runs that failed do.
+        """Return the p-quantile of a merit; runs that did not finish count as infinite.
 
         Args:
-            merit: Its name.
-            p: The share.
+            merit: Name of the merit.
+            p: Probability, 0 to 1.
 
         Raises:
             UnknownNameError: There is no such merit.
+            RpctlError: p is not between 0 and 1.
         """
         if not 0.0 <= p <= 1.0:
             raise RpctlError(f"p is {p:g}; give a share from 0 to 1")
         return float(np.quantile(self._merit(merit), p, method="inverted_cdf"))
 
     def worst(self, merit: str, n: int = 1) -> NDArray[np.int64]:
-        """Return the numbers (n,) of the runs with the largest merit, the worst first.
+        """Return the indices (n,) of the runs with the largest merit, the worst first.
 
         Args:
-            merit: Its name.
-            n: How many.
+            merit: Name of the merit.
+            n: Number of runs.
 
         Raises:
             UnknownNameError: There is no such merit.
@@ -127,7 +128,7 @@ class Rollouts:
         """Return the configuration of run i, which ``rpctl track --config`` replays.
 
         Args:
-            i: Its number.
+            i: Index of the run.
         """
         return self.experiment.config_of(self.parameters[i], int(self.results.index[i]))
 
@@ -162,21 +163,24 @@ def rollout(
     config: Config | str | Path | None = None,
     **settings: Unpack[RolloutSettings],
 ) -> Rollouts:
-    """Simulate a robot many times, each time with settings of its own, drawn at random.
+    """Simulate a robot many times, each time with other random settings.
 
-    Run i depends on the seed and on i only: a larger count adds runs.
+    Run i depends only on the seed and on i: a larger count adds runs.
 
     Args:
         robot: The robot, as its controller knows it.
         reference: A reference, the name of one, or a file, as of :func:`rpctl.track`.
-        scatter: Distributions by path of the setting, see :mod:`rpctl.study.scatter`:
+        scatter: Distributions by path of the setting, see :mod:`rpctl.study.scatter`; for example
             ``{"plant.masses.arm_*": Uniform(0.9, 1.1), "run.initial_error.y": Normal(0.0, 0.1)}``.
         count: Number of runs.
-        config: Laws, plant and circumstances of all runs, or the path of their TOML; None: the
-            robot's default, for 10 s.
-        **settings: As of :func:`rpctl.track`, which win over the config: ``duration=5``; besides,
-            ``seed`` of all that is random, names of the ``merits`` that are wanted, and most
-            ``samples`` over time that are kept of a run.
+        config: Laws, plant and settings of all runs, or the path of their TOML file; None: the
+            robot's defaults, for 10 s.
+        **settings: Settings of :func:`rpctl.track`, which take precedence over ``config``, such as
+            ``duration=5``; further the ``seed`` of all random numbers, the names of the ``merits``
+            to compute, and the largest number of ``samples`` over time to keep per run.
+
+    Returns:
+        The runs: merits, errors over time, and outcomes.
 
     Raises:
         UnknownNameError: There is no such setting or merit.

@@ -202,18 +202,33 @@ class _Finite:
 
 @dataclass(frozen=True)
 class Fixed(_Finite):
-    """The same number in all runs."""
+    """The same number in all runs.
+
+    Attributes:
+        value: The number, in the unit of the setting.
+
+    Raises:
+        RpctlError: The number is not finite.
+    """
 
     value: float
 
     def quantile(self, p: Array) -> Array:
-        """Return the number (...,)."""
+        """Return the number for each of the shares p (...,)."""
         return np.full(np.shape(p), self.value)
 
 
 @dataclass(frozen=True)
 class Uniform(_Finite):
-    """Evenly from ``low`` to ``high``."""
+    """A uniform distribution from ``low`` to ``high``.
+
+    Attributes:
+        low: Lower end, in the unit of the setting.
+        high: Upper end, likewise.
+
+    Raises:
+        RpctlError: An end is not finite, or ``low`` is not below ``high``.
+    """
 
     low: float
     high: float
@@ -224,13 +239,21 @@ class Uniform(_Finite):
         _require_order(self.low, self.high)
 
     def quantile(self, p: Array) -> Array:
-        """Return low + p (high − low), (...,)."""
+        """Return the quantiles low + p (high − low) (...,) at shares p (...,)."""
         return np.asarray(self.low + np.asarray(p) * (self.high - self.low))
 
 
 @dataclass(frozen=True)
 class LogUniform(Uniform):
-    """From ``low`` to ``high``, both positive, its logarithm evenly."""
+    """A distribution from ``low`` to ``high`` whose logarithm is uniform.
+
+    Attributes:
+        low: Lower end, positive, in the unit of the setting.
+        high: Upper end, likewise.
+
+    Raises:
+        RpctlError: An end is not finite or not positive, or ``low`` is not below ``high``.
+    """
 
     def __post_init__(self) -> None:
         """Refuse what has no logarithm."""
@@ -239,7 +262,7 @@ class LogUniform(Uniform):
             raise RpctlError(f"log-uniform from {self.low:g}; give a positive number")
 
     def quantile(self, p: Array) -> Array:
-        """Return low (high/low)^p, (...,)."""
+        """Return the quantiles low (high/low)^p (...,) at shares p (...,)."""
         low, high = math.log(self.low), math.log(self.high)
         found = np.exp(low + np.asarray(p) * (high - low))
         return np.asarray(np.clip(found, self.low, self.high))  # exp and log round
@@ -247,7 +270,18 @@ class LogUniform(Uniform):
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal about ``mean``, cut off below ``low`` and above ``high``."""
+    """A normal distribution, truncated below ``low`` and above ``high``.
+
+    Attributes:
+        mean: Mean before truncation, in the unit of the setting.
+        std: Standard deviation before truncation, likewise; positive.
+        low: Lower end; −inf by default.
+        high: Upper end; inf by default.
+
+    Raises:
+        RpctlError: Mean or deviation is not finite, the deviation is not positive, or ``low`` is
+            not below ``high``.
+    """
 
     mean: float
     std: float
@@ -263,7 +297,7 @@ class Normal:
         _require_order(self.low, self.high)
 
     def quantile(self, p: Array) -> Array:
-        """Return the quantiles (...,) of what is left of the normal distribution."""
+        """Return the quantiles (...,) of the truncated distribution at shares p (...,)."""
         a, b = ((x - self.mean) / self.std for x in (self.low, self.high))
         found = library("scipy.stats").truncnorm.ppf(p, a, b, self.mean, self.std)
         return np.asarray(np.clip(found, self.low, self.high))
@@ -271,7 +305,14 @@ class Normal:
 
 @dataclass(frozen=True, init=False)
 class AnyOf:
-    """One of some numbers, each as often as the others."""
+    """A choice of numbers, each equally likely.
+
+    Args:
+        *values: The numbers, in the unit of the setting.
+
+    Raises:
+        RpctlError: There are no numbers, or one is not finite.
+    """
 
     values: tuple[float, ...]
 
@@ -281,7 +322,7 @@ class AnyOf:
             raise RpctlError(f"choice of {list(values)}; give one finite number or more")
 
     def quantile(self, p: Array) -> Array:
-        """Return the numbers (...,) in the order in which they were given."""
+        """Return the numbers (...,) at shares p (...,), in their given order."""
         index = np.minimum((np.asarray(p) * len(self.values)).astype(int), len(self.values) - 1)
         return np.asarray(np.array(self.values)[index])
 

@@ -18,6 +18,7 @@ import numpy as np
 from rpctl.errors import RpctlError
 from rpctl.files.caps import cap, how_to_raise
 from rpctl.files.writing import require_writable, write_atomically
+from rpctl.libraries import install_command
 from rpctl.robot.model import Robot
 from rpctl.simulation.run.run import Run
 from rpctl.view.labels import MARK, comment
@@ -195,7 +196,7 @@ def mp4(take: TakePicture, count: int, rate: int, remark: str) -> bytes:
     try:
         import av
     except ImportError:
-        raise RpctlError("films need an extra: pip install 'rpctl[film]'") from None
+        raise RpctlError(f"films need PyAV; run {install_command('film')}") from None
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
         with av.open(str(path), "w", options={"movflags": "faststart"}) as container:
@@ -292,7 +293,9 @@ def _playwright() -> Any:
     try:
         from playwright import sync_api
     except ImportError:
-        raise RpctlError("films and pictures need an extra: pip install 'rpctl[film]'") from None
+        raise RpctlError(
+            f"films and pictures need Playwright; run {install_command('film')}"
+        ) from None
     return sync_api
 
 

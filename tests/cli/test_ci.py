@@ -102,7 +102,8 @@ def test_doctor_tells_versions_and_what_is_missing(monkeypatch: pytest.MonkeyPat
     shown = CliRunner().invoke(app, ["doctor"])
     assert shown.exit_code == 1
     assert "missing casadi" in shown.output
-    assert "no sympy" in shown.output and "rpctl[derive]" in shown.output
+    assert "no sympy" in shown.output and "pip install 'sympy<" in shown.output
+    assert "missing casadi: pip install 'casadi<" in shown.output
 
 
 def test_files_of_the_repository_say_what_the_code_says() -> None:

@@ -118,7 +118,7 @@ def test_meshes_that_are_not_found_or_not_read_are_left_out_and_told(tmp_path: P
     root, notes = edited(rpctl.load(two_wheels(tmp_path / "two.urdf", *meshes)))
     (kept,) = root.findall(".//mesh")
     assert kept.get("filename") == str((tmp_path / "hull.obj").resolve())
-    assert notes[0] == "Engine refuses files with .stl as a collision shape: left out of base_link"
+    assert notes[0] == "Engine does not read .stl files as collision shapes: left out of base_link"
     assert "no such file" in notes[1] and notes[1].endswith("left out of base_link")
 
 

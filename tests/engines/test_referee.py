@@ -193,7 +193,7 @@ def test_a_missing_engine_is_told_with_the_command(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(mujoco_body, "import_module", absent)
     found, missing = installed_engines(["mujoco"])
-    assert not found and "pip install 'rpctl[mujoco]'" in missing[0]
+    assert not found and "run pip install 'mujoco<" in missing[0]
     with pytest.raises(EngineMissing):
         MujocoSimulator()
     with pytest.raises(UnknownNameError, match="odd"):

@@ -77,8 +77,8 @@ def verdict_of(default: float, mended: float, declared: float, swing: float = 0.
 
 def test_the_line_tells_the_tracks_and_what_to_declare() -> None:
     said = verdict_of(2.9, 1.1, 0.64, swing=0.4).line("E 1")
-    assert "on a track of 2.90 m and its wheels hop; as on 1.10 m once corrected" in said
-    assert "0.64 m as declared; its own wheels' places: 1.10 m): mend it; declare" in said
+    assert "track of 2.90 m and its wheels hop; once corrected, as on a track of 1.10 m" in said
+    assert "0.64 m, declared; from the wheels' positions: 1.10 m): mend it; declare" in said
     assert said.endswith("[drive] track = 1.1")
     assert "mend it" not in verdict_of(1.1, 1.1, 0.64).line("E 1")
     assert "declare [" not in verdict_of(2.9, 1.1, 1.1).line("E 1")

@@ -116,7 +116,7 @@ class StillEngine(UrdfEngine):
 def test_only_rollers_that_are_to_be_mended_are_refused() -> None:
     mecanum, engine = rpctl.load("mecanum"), StillEngine()
     assert engine.start(mecanum, mecanum.configuration(), ALL_DEFAULT, 0.7).contacts
-    with pytest.raises(EngineFault, match="mecanum is not compared in Still: it has no rollers"):
+    with pytest.raises(EngineFault, match="mecanum cannot run in Still, which has no rollers"):
         engine.start(mecanum, mecanum.configuration(), ALL_MENDED, 0.7)
 
 

@@ -138,7 +138,7 @@ def test_robots_lists_what_is_there(cache: Path) -> None:
 
 def test_without_the_package_its_names_say_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rpctl.robot.sources._folder", lambda: None)
-    with pytest.raises(RpctlError, match=r"pip install 'rpctl\[robots\]', then `python -m"):
+    with pytest.raises(RpctlError, match=r"run pip install 'robot.des.*', then `python -m"):
         rpctl.load("fetch_description")
     with pytest.raises(UnknownNameError, match="did you mean tiago"):
         rpctl.load("tiagoo")

@@ -40,21 +40,22 @@ from rpctl.robot.model import Robot
 
 @dataclass(frozen=True, kw_only=True)
 class Horizon(PlannerSettings):
-    """Predictive control over N steps of length dt, by one QP a solve.
+    """Model predictive control over N steps of length dt, with one quadratic program per solve.
 
-    Every ``period`` the last plan is simulated again from the measured q, the robot is linearised
-    about that motion, and a QP finds the accelerations ν̇ of the N steps that bring pose, arm, end
-    effector and ν nearest to the reference (one step of sequential quadratic programming, the
-    real-time iteration of [DBS05]). Until the next solve the command is the first step of the plan,
-    ν_d = ν₀ + ν̇₀ (t − t₀) and ν̇_d = ν̇₀. ν₀ is the last plan's value, drawn towards the measured
-    ν with a time constant of 0.08 s. Steering angles are states of the prediction as the arm's are.
+    Every ``period`` the law simulates the last plan from the measured q and linearises the robot
+    about that motion; a quadratic program then finds the accelerations ν̇ of the N steps that bring
+    pose, arm, end effector and ν nearest to the reference (one step of sequential quadratic
+    programming, the real-time iteration of [DBS05]). Until the next solve the command is the first
+    step of the plan, ν_d = ν₀ + ν̇₀ (t − t₀) and ν̇_d = ν̇₀. ν₀ is the last plan's value, which
+    approaches the measured ν with a time constant of 0.08 s. The states of the prediction include
+    the steering angles and the arm's joints.
 
-    Accelerations, joint speeds and joint positions are hard bounds; wheel speeds, efforts,
-    zero-moment point, grip and clearances are soft, at a price above that of tracking errors. Where
-    the bounds do not let the robot follow, the reference's time is scaled
-    (:class:`~rpctl.control.horizon.target.TimeScaler`). From far off, a base that has a tightest
-    bend is led up to its reference (:class:`~rpctl.control.approach.Approach`), in scaled time. A
-    failed solve is counted and its period is left to ``fallback``.
+    Bounds of accelerations, joint speeds and joint positions are hard; those of wheel speeds,
+    efforts, zero-moment point, grip and clearances are soft, with a higher cost than tracking
+    errors. If the bounds do not let the robot follow, the reference's time slows down
+    (:class:`~rpctl.control.horizon.target.TimeScaler`). If the error is large, a base with a
+    smallest turning radius uses :class:`~rpctl.control.approach.Approach`, in scaled time. If a
+    solve fails, it is counted, and ``fallback`` takes over for its period.
     """
 
     fallback: Annotated[KinematicLaw, Setting("", "", "Law used at samples without a plan.")] = (
@@ -88,15 +89,16 @@ class Horizon(PlannerSettings):
     ) -> HorizonLaw | LeaningHorizonLaw:
         """Return the controller of one run, without a plan and with all counts at zero.
 
-        Where a process plans, that is started and waited for: it loads and makes its planner.
+        If a separate process solves (``asynchronous``), this starts it and waits until it is ready.
 
         Args:
-            dynamics: The robot's dynamics, as far as the controller knows them.
-            period: Control period, s, for the fallback: solves are :attr:`period` apart.
+            dynamics: The dynamics of the controller's model.
+            period: Control period, s; solves are :attr:`period` apart.
             rest: State before the run, for the fallback.
 
         Raises:
-            RpctlError: The process that plans cannot be started.
+            RpctlError: The separate process cannot be started, or the robot leans and the settings
+                contain obstacles or ``body_clearance``.
         """
         leans, simulated, process = dynamics.robot.drive.leans, simulated_time.get(), None
         if leans and (self.base_obstacles or self.end_effector_obstacles or self.body_clearance):
@@ -134,7 +136,7 @@ class HorizonLaw:
 
     Args:
         law: Its settings.
-        dynamics: The robot's dynamics, as far as the controller knows them.
+        dynamics: The dynamics of the controller's model.
         fallback: What answers without a plan.
         process: What plans; None to plan here.
     """

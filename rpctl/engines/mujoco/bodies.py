@@ -1,11 +1,11 @@
-"""The tree of bodies, one for each joint of the model: inertias that MuJoCo takes, motors, losses.
+"""The tree of bodies, one per joint of the model: inertias that MuJoCo accepts, motors, losses.
 
-A body's second moments Σ = ∫ r rᵀ dm about its centre of mass are ½ tr(I) 1 − I. A real body has
-none that is negative, which is the rule that each moment of inertia is at most the sum of the other
-two. What moves as one body is summed up before it is judged: a link that is unphysical alone often
-stands for a part of a sound whole.
+A body's second moments about its centre of mass are Σ = ∫ r rᵀ dm = ½ tr(I) 1 − I. In a real body
+none is negative: each moment of inertia is at most the sum of the other two. Links that move as one
+body are summed up before this is checked, because a link that is unphysical alone is often a part
+of a physical body.
 
-What a controller measures of them are sensors, and q and ν are made of these.
+Sensors measure the state of the bodies; q and ν are computed from them.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from rpctl.errors import RpctlError
 from rpctl.robot.coordinates import ROOT_JOINT, read_root, write_root
 from rpctl.robot.model import BASE_NV, Robot
 
-ROUNDING = 1e-9  # of the largest moment: a file's figures meet the rule of a lamina so well
-MIN_MASS = 1e-6  # kg of a body that weighs nothing and moves
-MIN_MOMENT = 1e-9  # kg·m² of one that has no inertia: above MuJoCo's mjMINVAL
-NO_LIMIT = 1e6  # rad or m: MuJoCo has no range that is open on one side
+ROUNDING = 1e-9  # of the largest moment: rounding of a file's digits for a lamina
+MIN_MASS = 1e-6  # kg of a moving body without mass
+MIN_MOMENT = 1e-9  # kg·m² of a body without inertia: above MuJoCo's mjMINVAL
+NO_LIMIT = 1e6  # rad or m: a range of MuJoCo has two finite ends
 STOP_STEPS = 4.0  # timesteps: time constant of joint stops and of dry friction that holds
 STOP_SOLIMP = (0.99, 0.999, 1e-3, 0.5, 2.0)
 RESERVED = "world"  # MuJoCo's own body
 
 
 def body_inertia(robot: Robot, joint: int) -> tuple[Inertial, tuple[str, ...]]:
-    """Return the inertia of what a joint carries, mended, and the sentences that say how.
+    """Return a physical inertia of what a joint carries, and sentences on what was changed.
 
     Args:
         robot: The robot; the inertia is its model's.
@@ -46,7 +46,7 @@ def body_inertia(robot: Robot, joint: int) -> tuple[Inertial, tuple[str, ...]]:
     head = head_link(robot, joint)
     links = [robot.description.link[name] for name, _ in robot.tree.rigid_links(head)]
     whole, said = _mended(robot.model.inertias[joint], links[0])
-    sound = f'; as one body with the links fixed to "{head}" it is sound, and so it moves'
+    sound = f'; together with the links fixed to "{head}" the inertia is physical'
     fused = tuple(
         f'link "{link.name}" (line {link.line}): {fault}{sound if len(links) > 1 else ""}'
         for link in links
@@ -56,31 +56,31 @@ def body_inertia(robot: Robot, joint: int) -> tuple[Inertial, tuple[str, ...]]:
 
 
 def link_fault(link: Link) -> str:
-    """Return why no body has the inertia that a file gives a link, or nothing."""
+    """Return why a link's inertia in the file is unphysical, or nothing."""
     fault = inertia_fault(link.inertia, ROUNDING) if link.mass else ""
     return fault and f"its {fault}"
 
 
 def is_physical(given: Inertial) -> bool:
-    """Return whether some body may have an inertia, and MuJoCo lets it move."""
+    """Return whether an inertia is physical and large enough for MuJoCo."""
     least = float(np.linalg.eigvalsh(given.inertia)[0])
     sound = not inertia_fault(given.inertia, ROUNDING)
     return sound and given.mass >= MIN_MASS and least >= MIN_MOMENT
 
 
 def head_link(robot: Robot, joint: int) -> str:
-    """Return the link whose frame is that of a joint of the model."""
+    """Return the link whose frame is the frame of a joint of the model."""
     known = robot.description.joint.get(robot.model.names[joint])
     return robot.description.root if joint == 1 or known is None else known.child
 
 
 def _mended(carried: pin.Inertia, head: Link) -> tuple[Inertial, tuple[str, ...]]:
-    """Return a physical inertia near one that is given, and what was changed."""
+    """Return a physical inertia near a given one, and sentences on what was changed."""
     mass, inertia = float(carried.mass), np.array(carried.inertia)
     where = f'link "{head.name}" (line {head.line})'
     said: tuple[str, ...] = ()
     if mass < MIN_MASS:
-        said += (f"{where} moves and weighs {mass:g} kg; it gets {MIN_MASS:g} kg",)
+        said += (f"{where} moves and has a mass of {mass:g} kg; {MIN_MASS:g} kg is used",)
         mass = MIN_MASS
     fault = inertia_fault(inertia, ROUNDING)
     if fault:
@@ -97,14 +97,14 @@ def _mended(carried: pin.Inertia, head: Link) -> tuple[Inertial, tuple[str, ...]
 
 
 def body_name(link: str) -> str:
-    """Return what the body of a link is called: as the link, but for MuJoCo's own name."""
+    """Return the name of a link's body: the link's, except where MuJoCo uses that name."""
     return f"{link}_link" if link == RESERVED else link
 
 
 def add_bodies(spec: Any, robot: Robot, settings: ContactSettings) -> tuple[str, ...]:
-    """Add a robot's bodies and joints to a spec, its root link free; return what was mended.
+    """Add a robot's bodies and joints to a spec, with a free root link; return what was changed.
 
-    Links fixed to one another are one body, named after the first; the others are sites of it.
+    Links fixed to each other are one body, named after the first link; the others are its sites.
     """
     model, bodies = robot.model, {0: spec.worldbody}
     said: list[str] = []
@@ -128,10 +128,10 @@ def add_bodies(spec: Any, robot: Robot, settings: ContactSettings) -> tuple[str,
 
 
 def add_motors(spec: Any, robot: Robot) -> None:
-    """Add a motor to each actuator's joint, saturating at its limit, named after it.
+    """Add to each actuator's joint a motor with its name, which saturates at its limit.
 
-    Its control is the effort at the joint, N·m or N: a gear is in the limit and in the rotor's
-    inertia, seen from there.
+    The control is the effort at the joint, N·m or N; limit and rotor inertia are those seen from
+    the joint, behind the gears.
     """
     for name, limit in zip(robot.actuators, robot.effort_limits.tolist(), strict=True):
         motor = spec.add_actuator(
@@ -144,7 +144,7 @@ def add_motors(spec: Any, robot: Robot) -> None:
 
 
 def place_in_body(robot: Robot, link: str) -> tuple[str, Array]:
-    """Return the link after which a link's body is named, and the pose (4, 4) of the link in it."""
+    """Return the link that names a link's body, and the pose (4, 4) of the link in that body."""
     free = robot.tree.free_joints(link)
     head = free[-1].child if free else robot.description.root
     return head, np.asarray(np.linalg.inv(robot.tree.pose(head)) @ robot.tree.pose(link))
@@ -175,8 +175,8 @@ def _set_damping(joint: Any, damping: float) -> None:
         joint.damping = damping
 
 
-HOME = "home"  # the keyframe in which a file's robot stands
-FREE = "_free"  # ends the name of the root link's joint
+HOME = "home"  # name of the keyframe in which the robot stands
+FREE = "_free"  # suffix of the name of the root link's joint
 BASE = {
     "base_position": "framepos",
     "base_quaternion": "framequat",
@@ -184,15 +184,15 @@ BASE = {
     "base_turning": "frameangvel",
 }
 HOW = (
-    "q: x, y of base_position, heading of base_quaternion, JOINT_position; nu: base_velocity along "
-    "the heading and to its left and the z of base_turning make the speeds of the base, "
-    "JOINT_velocity the rates of the joints; rpctl.MjcfRobot(robot, model).state(data) returns "
-    "(q, nu)"
+    "q: x and y of base_position, the heading of base_quaternion, JOINT_position. nu: the base's "
+    "speeds follow from base_velocity along the heading and to its left and from the z component "
+    "of base_turning, the joints' rates from JOINT_velocity. "
+    "rpctl.MjcfRobot(robot, model).state(data) returns (q, nu)"
 )
 
 
 def sensor_parts(robot: Robot, root: str) -> list[Any]:
-    """Return the sensors of a file."""
+    """Return the elements of a file's sensors."""
     parts = [
         etree.Element(tag, {"name": name, "objtype": "xbody", "objname": root})
         for name, tag in BASE.items()
@@ -204,14 +204,14 @@ def sensor_parts(robot: Robot, root: str) -> list[Any]:
 
 
 class MjcfRobot:
-    """The robot in an exported file: its stand, its state as a controller takes it, its motors.
+    """A robot in a model of MuJoCo that contains an exported file: its state, pose and actuators.
 
     Args:
         robot: The robot that was exported.
-        model: ``MjModel`` of the file, alone or among other things.
+        model: ``MjModel`` of the exported file, or of a larger model that includes it.
 
     Raises:
-        RpctlError: A sensor is not there.
+        RpctlError: The model lacks a sensor, joint or actuator of the exported file.
 
     Example::
 
@@ -225,7 +225,8 @@ class MjcfRobot:
             mujoco.mj_step(model, data, nstep=2)
 
     Attributes:
-        actuators: Places of the robot's actuators in ``data.ctrl`` (n_act,).
+        actuators: Indices of the robot's actuators in ``data.ctrl`` (n_act,), in the order of
+            ``robot.actuators``. Controls are efforts at the joints, N·m or N.
     """
 
     def __init__(self, robot: Robot, model: Any) -> None:
@@ -241,7 +242,7 @@ class MjcfRobot:
         self.actuators = [part_number(model, "actuator", name) for name in robot.actuators]
 
     def state(self, data: Any) -> tuple[Array, Array]:
-        """Return q (nq,) and ν (dof,), as measured at the last step or ``mj_forward``.
+        """Return q (nq,) and ν (dof,) from the sensors of the last ``mj_step`` or ``mj_forward``.
 
         Args:
             data: ``MjData`` of the model.
@@ -261,11 +262,16 @@ class MjcfRobot:
         return q, np.asarray(self._selection @ v)
 
     def place(self, data: Any, q: Array | None = None) -> None:
-        """Put the robot at rest into the stand of the file's keyframe, and there to q.
+        """Reset ``data`` to the file's keyframe, in which the robot stands at rest; then set q.
+
+        The root link keeps the height of the keyframe.
 
         Args:
             data: ``MjData`` of the model.
-            q: Configuration (nq,); None: at the origin, at home.
+            q: Configuration (nq,); None: the keyframe's, at home at the origin.
+
+        Raises:
+            RpctlError: The model has no such keyframe.
         """
         self._mujoco.mj_resetDataKeyframe(self._model, data, part_number(self._model, "key", HOME))
         if q is not None:
@@ -281,5 +287,7 @@ class MjcfRobot:
         index = part_number(self._model, "sensor", name)
         start = int(self._model.sensor_adr[index])
         if int(self._model.sensor_dim[index]) != size:
-            raise RpctlError(f'sensor "{name}" has no {size} numbers; export the robot again')
+            raise RpctlError(
+                f'sensor "{name}" does not have {size} numbers; export the robot again'
+            )
         return slice(start, start + size)

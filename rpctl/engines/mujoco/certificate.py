@@ -1,8 +1,8 @@
-"""What an exported file says of itself: what it was made of, what it means, what was compared.
+"""The certificate in an exported file: its source, its content, and what was compared.
 
-It stands in the file as custom texts: short ones for readers, and all of it once, as JSON that is
-compressed and written in base64. It tells an accident from the original; it is no signature, for
-who edits a file can also write a new certificate.
+The file holds it as custom texts: short ones for readers, and the whole as compressed JSON in
+base64. It reveals accidental changes; it is no signature, because whoever edits a file can also
+write a new certificate.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from rpctl.files.strict_json import read_json
 
 SCHEMA = 1
 TEXT = "rpctl_certificate"
-UNSAVED = re.compile("[\"'<>&]")  # signs of texts that MuJoCo saves so that it cannot read them
+UNSAVED = re.compile("[\"'<>&]")  # characters that MuJoCo writes but cannot read back
 MAX_CERTIFICATE_BYTES = 64 * 2**20  # of its JSON; TIAGo's has 150 kB
 
 
@@ -39,13 +39,13 @@ class MjcfCertificate:
         source: What it was loaded from.
         urdf: Digest of its URDF.
         model: Digest of its model's numbers.
-        made_with: Versions of what wrote the file.
-        settings: Friction, and how the wheels meet the ground.
+        made_with: Versions of the packages that wrote the file.
+        settings: Friction and contact settings.
         checks: The rows that passed when the file was written.
         verified: Digest and size of the certificate of :func:`rpctl.verify`.
-        table: What the file means, element by element.
+        table: The content of the file, element by element.
         witness: The reduced model's numbers.
-        facts: How to load the robot again; empty where nobody gave them.
+        facts: How to load the robot again; empty if unknown.
     """
 
     robot: str
@@ -62,12 +62,12 @@ class MjcfCertificate:
 
     @property
     def digest(self) -> str:
-        """Digest of all of it."""
+        """Digest of the whole certificate."""
         return hashlib.sha256(self._json()).hexdigest()
 
     @property
     def content(self) -> str:
-        """Digest of what the file means."""
+        """Digest of the file's content."""
         return hashlib.sha256(json.dumps(self.table, separators=(",", ":")).encode()).hexdigest()
 
     def _json(self) -> bytes:
@@ -78,7 +78,7 @@ class MjcfCertificate:
         """Return the custom texts of the file.
 
         Args:
-            how: How the sensors make the controller's state, in words.
+            how: A text on how the controller's state follows from the sensors.
         """
         texts = {
             "rpctl_robot": self.robot,
@@ -126,7 +126,7 @@ def _unpacked(packed: str) -> bytes:
     """Return the bytes of a packed text.
 
     Raises:
-        ValueError: They are too many.
+        ValueError: The text is damaged or too long.
     """
     unpacker = zlib.decompressobj()
     data = unpacker.decompress(base64.b64decode(packed, validate=True), MAX_CERTIFICATE_BYTES)
@@ -137,7 +137,7 @@ def _unpacked(packed: str) -> bytes:
 
 def _from_plain(plain: Any) -> MjcfCertificate:
     if plain.pop("schema") != SCHEMA:
-        raise ValueError("it is of another version of rpctl")
+        raise ValueError("another version of rpctl wrote it")
     _require_table(plain["table"])
     for name in ("robot", "source", "urdf", "model"):
         if not isinstance(plain[name], str):
@@ -150,10 +150,10 @@ def _from_plain(plain: Any) -> MjcfCertificate:
 
 
 def _require_table(table: Any) -> None:
-    """Refuse what is no table: who forges a certificate gets a message, and no traceback.
+    """Refuse what is not a table, so that a forged certificate leads to a message.
 
     Raises:
-        TypeError: It is none.
+        TypeError: It is not a table.
     """
     values = (v for kind in table.values() for fields in kind.values() for v in fields.values())
     for value in values:

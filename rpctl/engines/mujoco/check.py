@@ -1,6 +1,6 @@
-"""``check_file``: whether an exported file still is the robot that it was written of.
+"""``check_file``: whether an exported file still describes the robot that it was written from.
 
-Two tables are compared, each difference is named and weighed, and the proofs are made again.
+It compares two tables, names and rates each difference, and repeats the comparisons of the export.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from rpctl.robot.inspection import model_digest
 from rpctl.robot.model import Robot
 from rpctl.robot.vary import without_losses
 
-SAME = 1e-12  # of the larger number: what reading and normalising leave
-ROUNDED = 1e-5  # and of MuJoCo's own save, which writes six digits
-HARMLESS_KINDS = ("camera", "light", "asset", "site")  # nothing of them moves a robot
+SAME = 1e-12  # of the larger number: error of reading and normalising
+ROUNDED = 1e-5  # error of MuJoCo's own writer, which writes six digits
+HARMLESS_KINDS = ("camera", "light", "asset", "site")  # kinds that do not affect the motion
 HARMLESS_FIELDS = ("rgba", "matid", "group", "castshadow", "user")  # of any element
 ORDERED = ("joint", "actuator", "sensor")  # kinds whose order is that of qpos, ctrl, sensordata
 DIRECTIONS = ("quat", "axis", "pos", "ipos", "inertia", "qpos")  # compared as wholes
@@ -33,7 +33,7 @@ MAX_SHOWN = 60  # characters of a value
 EQUATIONS = "equations"  # the row of a model that lacks a part of the robot
 FRESH_SEED = 1  # of states other than those that the file holds
 ROUNDED_NOTE = (
-    "{count} numbers are rounded by at most {largest:.1e} of their size, as MuJoCo's own save does"
+    "{count} numbers are rounded by at most {largest:.1e} of their size, as MuJoCo saves them"
 )
 
 
@@ -42,12 +42,12 @@ class Edit:
     """One difference between a file and what was exported.
 
     Attributes:
-        kind: Of the element, as MJCF calls it: ``"body"``, ``"actuator"``, ``"option"`` …
-        name: Of the element.
-        field: What of it, or ``""`` where the element itself was added or removed.
-        before: As it was exported, in words.
-        after: As the file has it, in words.
-        matters: Whether it can change the motion, or what the controller reads and sends.
+        kind: Kind of the element in MJCF: ``"body"``, ``"actuator"``, ``"option"`` …
+        name: Name of the element.
+        field: The changed field, or ``""`` if the element itself was added or removed.
+        before: The exported value, as text.
+        after: The value in the file, as text.
+        matters: Whether the difference can affect the motion, the sensors or the motors.
     """
 
     kind: str
@@ -59,7 +59,7 @@ class Edit:
 
     @property
     def sentence(self) -> str:
-        """The difference in words: ``body "base_link": mass 1.2 → 1.3``."""
+        """The difference as text: ``body "base_link": mass 1.2 → 1.3``."""
         element = self.kind if self.name == self.kind else f'{self.kind} "{printable(self.name)}"'
         if not self.field:
             return f"{element} {self.after}"
@@ -71,9 +71,9 @@ class Comparison:
     """All differences between two tables.
 
     Attributes:
-        edits: Those that are no rounding.
-        rounded: Number of values that differ as six digits do, as MuJoCo's own save writes.
-        largest: The largest of those differences, relative.
+        edits: The differences that are not due to rounding.
+        rounded: Number of values that differ by rounding to six digits, as MuJoCo writes them.
+        largest: The largest relative difference among those.
     """
 
     edits: tuple[Edit, ...]
@@ -82,9 +82,9 @@ class Comparison:
 
 
 def compare_tables(exported: Table, found: Table) -> Comparison:
-    """Return what differs between the table of an export and that of a file.
+    """Return the differences between the table of an export and that of a file.
 
-    Fields that only one of them has are of another version of MuJoCo, and left out.
+    Fields that only one of them has belong to another version of MuJoCo and are ignored.
     """
     pairs = [*exported.get("pair", {}).values(), *found.get("pair", {}).values()]
     paired = {str(pair[end]) for pair in pairs for end in ("geom1", "geom2")}
@@ -111,7 +111,7 @@ def compare_tables(exported: Table, found: Table) -> Comparison:
 def _element_edits(
     kind: str, before: Mapping[str, Fields], after: Mapping[str, Fields], paired: Collection[str]
 ) -> Iterator[Edit]:
-    """Yield which elements of a kind were removed, added, or put in another order."""
+    """Yield the elements of a kind that were removed or added, and a changed order."""
     for name in (name for name in before if name not in after):
         matters = not _is_idle(kind, name, paired, before[name])
         yield Edit(kind, name, "", "", "was removed", matters)
@@ -126,23 +126,23 @@ def _element_edits(
 
 
 def _is_idle(kind: str, name: str, paired: Collection[str], *states: Fields) -> bool:
-    """Return whether an element moves nothing, as a geom that touches nothing in all its states."""
+    """Return whether an element cannot affect the motion, such as a geom without contacts."""
     touching = kind != "geom" or name in paired
     drawn = (each.get("contype") == [0.0] == each.get("conaffinity") for each in states)
     return kind in HARMLESS_KINDS or (not touching and all(drawn))
 
 
 def _both(kind: str, before: Fields, after: Fields) -> Iterator[tuple[str, Value, Value]]:
-    """Yield the fields of an element with their two values; of an asset all that either has."""
+    """Yield the common fields of an element with both values; of an asset, all fields."""
     names = before.keys() & after.keys() if kind != "asset" else before.keys() | after.keys()
     for name in sorted(names):
         yield name, before.get(name, ""), after.get(name, "")
 
 
 def _difference(field: str, before: Value, after: Value) -> float:
-    """Return the largest relative difference of two values; infinite if they are no like numbers.
+    """Return the largest relative difference of two values; infinite if they cannot be compared.
 
-    Directions, places and inertias are compared as wholes: their small entries are rounding.
+    Directions, positions and inertias are compared as vectors: their small entries are rounding.
     """
     if before == after:
         return 0.0
@@ -151,7 +151,7 @@ def _difference(field: str, before: Value, after: Value) -> float:
         return math.inf
     old, new = np.array(before, dtype=float), np.array(after, dtype=float)
     if field.endswith("quat") and old @ new < 0.0:
-        new = -new  # the same turn
+        new = -new  # the same rotation
     whole = np.full_like(old, np.abs(old).max())
     scale = whole if field in DIRECTIONS else np.maximum(np.abs(old), np.abs(new))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -159,7 +159,7 @@ def _difference(field: str, before: Value, after: Value) -> float:
 
 
 def _words(value: Value) -> str:
-    """Return a value in words."""
+    """Return a value as text."""
     if isinstance(value, str):
         text = value or "nothing"
     else:
@@ -174,11 +174,11 @@ class MjcfCheck:
 
     Attributes:
         path: The file.
-        certificate: What the file says of itself.
-        edits: What was edited since it was written.
-        checks: The comparisons that were made anew.
-        skipped: Those that could not be, and why.
-        notes: What else there is to say.
+        certificate: The certificate in the file.
+        edits: What was edited since the file was written.
+        checks: The repeated comparisons.
+        skipped: Comparisons that could not be repeated, with reasons.
+        notes: Further sentences.
     """
 
     path: Path
@@ -195,7 +195,7 @@ class MjcfCheck:
         return sound and not any(edit.matters for edit in self.edits)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain values for JSON."""
+        """Return the outcome as plain values for JSON."""
         own = self.certificate
         return {
             "path": str(self.path),
@@ -217,7 +217,7 @@ def read_certified(path: str | Path) -> tuple[StrictMjcf, MjcfCertificate]:
     """Return an exported file and its certificate.
 
     Raises:
-        RpctlError: It is no file that rpctl exported.
+        RpctlError: rpctl did not export this file.
     """
     file = read_mjcf(path)
     return file, find_certificate(file.texts, path)
@@ -226,13 +226,13 @@ def read_certified(path: str | Path) -> tuple[StrictMjcf, MjcfCertificate]:
 def check_file(
     file: StrictMjcf, certificate: MjcfCertificate, robot: Robot | None, given: bool = False
 ) -> MjcfCheck:
-    """Prove an exported file again, and name what was edited.
+    """Verify an exported file again, and name what was edited.
 
     Args:
         file: The file.
         certificate: Its certificate.
-        robot: The robot, to compare with anew; None: only with the numbers that the file holds.
-        given: Whether the user gave the robot, so that it may be another one.
+        robot: The robot to compare with; None: compare only with the numbers in the file.
+        given: Whether the user named the robot, which may then be another one.
     """
     compared = compare_tables(certificate.table, file.table)
     notes: tuple[str, ...] = ()
@@ -243,14 +243,14 @@ def check_file(
     rounding = compared.largest
     _collect(checks, file, certificate.witness, rounding, "the numbers in the file")
     if robot is None:
-        skipped.append(Skipped("the robot itself", "reduced model", "its URDF is unknown here"))
+        skipped.append(Skipped("the robot itself", "reduced model", "its URDF is not available"))
     else:
         notes += _identity_notes(robot, certificate, given)
         root = certificate.witness.root
         losses = bool(certificate.settings.get("losses", True))
         fresh = take_witness(robot, root, losses, seed=FRESH_SEED)
         _collect(checks, file, fresh, rounding, f"{robot.name} anew")
-        if all(check.name != EQUATIONS for check in checks):  # every name of the robot is there
+        if all(check.name != EQUATIONS for check in checks):  # the file has every name of the robot
             try:
                 trial = run_on_ground(robot if losses else without_losses(robot), file.model, root)
                 checks += trial.checks
@@ -262,14 +262,14 @@ def check_file(
 
 
 def same_model(robot: Robot, certificate: MjcfCertificate) -> bool:
-    """Return whether a robot has the numbers of the one that was exported."""
+    """Return whether a robot's model has the same numbers as the exported robot's."""
     return model_digest(robot) == certificate.model
 
 
 def _collect(
     checks: list[Check], file: StrictMjcf, witness: Witness, rounding: float, against: str
 ) -> None:
-    """Add the rows of a comparison; one that cannot be made fails."""
+    """Add the rows of a comparison; a comparison that cannot be made counts as failed."""
     try:
         checks += compare_with_witness(file.model, witness, rounding, against)
     except RpctlError as fault:
@@ -281,7 +281,7 @@ def _failed(name: str, against: str, fault: RpctlError) -> Check:
 
 
 def _identity_notes(robot: Robot, certificate: MjcfCertificate, given: bool) -> tuple[str, ...]:
-    """Return what tells the robot from the one that was exported."""
+    """Return sentences on how the robot differs from the exported one."""
     if not given:
         return ()
     if robot.description.sha256 != certificate.urdf:

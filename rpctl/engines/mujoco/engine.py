@@ -1,4 +1,4 @@
-"""``MujocoSimulator``: MuJoCo, as the referee asks it."""
+"""``MujocoSimulator``: MuJoCo as an engine of the referee."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from rpctl.equivalence.contact.mujoco_body import MujocoBody, RollingBody, Touch
 from rpctl.robot.model import Robot
 
 SETTINGS = ContactSettings(wheel_shape="crowned")  # those that ``rpctl export`` writes
-LIFT = 0.7  # of a wheel's load, that scrubbing may take: a turn slips slower than the rims run
+LIFT = 0.7  # largest fraction of a wheel's load that scrubbing may lift
 GRAVITY = 9.81  # m/s²
 SETTING = (
     "give the wheels the crowned shapes and the contact pairs that `rpctl export` writes, and "
-    "turn slowly: what slides faster than about 0.1 m/s hops even then"
+    "turn slowly: a wheel that slides faster than about 0.1 m/s hops even then"
 )
 TICK_S = 2e-3  # s: one of MuJoCo's default steps
 STEP_ROUNDING = 1e-6  # of a step
@@ -39,10 +39,10 @@ STEP_ROUNDING = 1e-6  # of a step
 
 @dataclass(frozen=True)
 class MujocoSimulator:
-    """MuJoCo; :class:`rpctl.engines.engine.Engine` has the attributes.
+    """MuJoCo, an :class:`rpctl.engines.engine.Engine`.
 
     Raises:
-        EngineMissing: It is not installed.
+        EngineMissing: MuJoCo is not installed.
     """
 
     name: str = "MuJoCo"
@@ -50,7 +50,7 @@ class MujocoSimulator:
     turning_setting: str = SETTING
 
     def __post_init__(self) -> None:
-        """Refuse to be without the library."""
+        """Refuse to be made if MuJoCo is not installed."""
         mujoco_library()
 
     @property
@@ -59,7 +59,7 @@ class MujocoSimulator:
         return str(mujoco_library().__version__)
 
     def switches(self, robot: Robot) -> tuple[Switch, ...]:
-        """Return the switches that mean something of this robot."""
+        """Return the switches that matter for this robot."""
         return in_order(mujoco_switches(robot))
 
     def start(self, robot: Robot, q: Array, mended: Mended, friction: float) -> MujocoRun:
@@ -77,16 +77,16 @@ class MujocoSimulator:
     def turning_speed(self, friction: float) -> float:
         """Return the speed (m/s) of the rims at which scrubbing wheels stay on the ground.
 
-        MuJoCo's friction is relaxed: what slides at a speed v lifts itself by μ b v/k, b the rate
-        at which friction ends slipping and k the stiffness under the load. With the defaults a
-        wheel that scrubs faster than g/(μ b) hops, spins up in the air and grips where it lands,
-        and so holds a turn back.
+        MuJoCo's friction is relaxed: a contact that slides at a speed v is lifted by μ b v/k, where
+        b is the rate at which friction ends slip and k the stiffness under the load. With MuJoCo's
+        defaults a wheel that scrubs faster than g/(μ b) hops, spins up in the air and grips where
+        it lands, which slows the turn.
         """
         slipping_ends = 2.0 / SETTINGS.time_constant  # b, 1/s
         return LIFT * GRAVITY / (friction * slipping_ends)
 
     def start_turning(self, robot: Robot, q: Array, friction: float) -> TurningRun:
-        """Return the robot at rest at q (nq,), its wheels so that they stay on the ground."""
+        """Return the robot at rest at q (nq,), with wheels that stay on the ground."""
         return TurningRun(robot, q, friction)
 
 
@@ -130,7 +130,7 @@ class MujocoRun(RollingBody):
         for _ in self.steps(tau, steps):
             self._load += self.loads() / steps
         if self.diverged:
-            raise EngineFault(f"MuJoCo diverges {self.data.time:.3g} s after it was put down")
+            raise EngineFault(f"MuJoCo diverges {self.data.time:.3g} s after the start")
 
     def state(self) -> EngineState:
         """Return the state now."""

@@ -1,7 +1,7 @@
-"""The numbers of the reduced model that a MuJoCo model must have: equations and limits.
+"""The numbers of the reduced model that a MuJoCo model must reproduce: equations and limits.
 
-A witness is taken of a robot, kept in the file, and asked again later: MuJoCo's free tree, held to
-rolling by the witness's S, must have its M, h and B at every state, and its limits and losses.
+A witness holds these numbers of a robot and is kept in the file. MuJoCo's free tree, projected by
+the witness's S, must have the witness's M, h and B at every state, and its limits and losses.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from rpctl.robot.model import BASE_NV, Robot
 REDUCED = "the reduced model"
 EQUATIONS_TOLERANCE = 1e-10  # √(MiiMjj)-scaled; rounding of bases and quaternions leaves 1e-13
 LIMIT_TOLERANCE = 1e-12  # of a number that is written and read again
-ROUNDING_ROOM = 100.0  # by how much a sum of many links' numbers may be further off than each
+ROUNDING_ROOM = 100.0  # factor by which a sum over many links may be less accurate than its terms
 ROOT_NV = 6  # of a free root in MuJoCo
 NO_LIMIT = 1e6  # rad, m: MuJoCo's range has two ends
 
@@ -44,7 +44,7 @@ class Witness:
 
     Attributes:
         root: The body of the root link.
-        joints: The moving joints, in the order of the states' rows.
+        joints: The moving joints, in the order of the columns of ``qpos``.
         speeds: Names of ν.
         actuators: Names of τ.
         effort: Limits of τ (n_act,), N·m or N; inf where there is none.
@@ -85,12 +85,12 @@ class Witness:
 def take_witness(
     robot: Robot, root: str, losses: bool = True, samples: int = 3, seed: int = 0
 ) -> Witness:
-    """Return what the reduced model says of a robot.
+    """Return the reduced model's numbers of a robot.
 
     Args:
         robot: The robot.
         root: The body of its root link.
-        losses: Whether its joints lose in MuJoCo what they lose in the model.
+        losses: Whether the joints in MuJoCo have the model's damping and friction.
         samples: Number of random states.
         seed: Their seed; state k is ``draw_state(robot, seed, k)``.
     """
@@ -119,7 +119,7 @@ def take_witness(
 def _state(dynamics: ReducedDynamics, q: Array, nu: Array, index: list[int]) -> dict[str, Array]:
     """Return the reduced model at q (nq,) and ν (dof,), in MuJoCo's coordinates.
 
-    Of the root, Pinocchio's v is along the body's axes: v_world = R v, and Ṙ v = ω ẑ × R v.
+    Pinocchio's v of the root is along the body's axes: v_world = R v, and Ṙ v = ω ẑ × R v.
     """
     robot = dynamics.robot
     x, y, theta = read_root(q)
@@ -148,13 +148,13 @@ def _state(dynamics: ReducedDynamics, q: Array, nu: Array, index: list[int]) -> 
 def compare_with_witness(
     model: Any, witness: Witness, rounding: float = 0.0, against: str = REDUCED
 ) -> tuple[Check, ...]:
-    """Return the rows of a MuJoCo model's equations and limits against a witness's.
+    """Compare the equations and limits of a MuJoCo model with a witness; return the rows.
 
     Args:
         model: ``MjModel``.
-        witness: What the reduced model says.
-        rounding: By how much the file's numbers are known to be rounded, relative.
-        against: What the witness is called in the rows.
+        witness: The reduced model's numbers.
+        rounding: Known relative rounding of the file's numbers.
+        against: Name of the witness in the rows.
 
     Raises:
         RpctlError: The model lacks a body, a joint or an actuator that the witness names.
@@ -166,7 +166,7 @@ def compare_with_witness(
 
 
 class _FreeTree:
-    """MuJoCo's model and where in it the witness's coordinates are."""
+    """MuJoCo's model and the indices of the witness's coordinates in it."""
 
     def __init__(self, model: Any, witness: Witness) -> None:
         self._mujoco = mujoco_library()
@@ -214,9 +214,9 @@ class _FreeTree:
         return M[np.ix_(self._dofs, self._dofs)], np.array(data.qfrc_bias)[self._dofs]
 
     def _columns(self) -> Array:
-        """Return what each actuator does to each coordinate (nv, n_act) by a unit of control.
+        """Return the generalised force per unit of control of each actuator (nv, n_act).
 
-        Half of its limit is asked, so that no range cuts it.
+        The control is half of the actuator's limit, so that no range clips it.
         """
         found = np.zeros((len(self._dofs), len(self._actuators)))
         for column, actuator in enumerate(self._actuators):
@@ -256,7 +256,7 @@ class _FreeTree:
 
 
 def _equal(name: str, has: Array, wanted: Array, rows: tuple[str, ...]) -> Check:
-    """Return the row of numbers (n, k) that must be those of the robot; infinities, too."""
+    """Return the row for numbers (n, k) that must equal the robot's, infinities included."""
     with np.errstate(invalid="ignore"):
         gap = np.abs(has - wanted) / np.maximum(1.0, np.abs(wanted))
     gap = np.where(has == wanted, 0.0, gap)
@@ -264,7 +264,7 @@ def _equal(name: str, has: Array, wanted: Array, rows: tuple[str, ...]) -> Check
 
 
 def as_plain(witness: Witness) -> dict[str, Any]:
-    """Return a witness as plain values for JSON; an infinite limit is the word for it."""
+    """Return a witness as plain values for JSON; an infinite limit is a string."""
     plain: dict[str, Any] = dict(vars(witness))
     for name in SHAPES:
         value = plain[name]
@@ -273,10 +273,10 @@ def as_plain(witness: Witness) -> dict[str, Any]:
 
 
 def from_plain(plain: Mapping[str, Any]) -> Witness:
-    """Return the witness that plain values are.
+    """Return the witness that plain values describe.
 
     Raises:
-        ValueError: They are none.
+        ValueError: They do not describe a witness.
     """
     texts: dict[str, Any] = {
         key: tuple(map(str, plain[key])) for key in ("joints", "speeds", "actuators")
@@ -289,7 +289,7 @@ def from_plain(plain: Mapping[str, Any]) -> Witness:
         arrays[key] = np.array(plain[key], dtype=float)
         wanted = tuple(size[axis] for axis in axes)
         if arrays[key].shape != wanted:
-            raise ValueError(f"{key} is of the shape {arrays[key].shape}, not {wanted}")
+            raise ValueError(f"{key} has the shape {arrays[key].shape}, not {wanted}")
         if "s" in axes and not np.isfinite(arrays[key]).all():
             raise ValueError("a number is not finite")
     return Witness(root=str(plain["root"]), **texts, **arrays)

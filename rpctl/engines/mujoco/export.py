@@ -1,7 +1,6 @@
-"""``write_mjcf``: a robot as MJCF, read back, run and compared before the file is there.
+"""``write_mjcf``: write a robot as MJCF; the file is read back, run and compared first.
 
-A file runs without rpctl, so what MuJoCo cannot do by itself is either put into an element of its
-own or refused.
+The file runs without rpctl, so robots that plain MuJoCo cannot model are refused.
 """
 
 from __future__ import annotations
@@ -47,22 +46,22 @@ MESH_SUFFIX = "_meshes"  # of the folder of the meshes, beside the file
 
 
 def prepare(robot: Robot, settings: ContactSettings, friction: float, hidden: bool = True) -> Built:
-    """Return a robot as MuJoCo's model of a file that runs by itself.
+    """Return a robot as a MuJoCo model that needs nothing besides its file.
 
     Args:
         robot: The robot.
-        settings: How it meets the ground. Crowned wheels do not scrub, so their contacts are as
-            hard as the timestep lets them be: the robot neither sinks nor creeps.
+        settings: Contact settings. Crowned wheels do not scrub, so their contacts are as hard as
+            the timestep allows: the robot neither sinks nor creeps.
         friction: Coefficient between wheels and ground.
-        hidden: Whether the shapes that touch the ground are in a group that viewers do not show.
+        hidden: Whether the contact shapes are in a group that viewers do not show.
 
     Raises:
-        RpctlError: MuJoCo cannot do the robot by itself; the message says why.
+        RpctlError: Plain MuJoCo cannot model the robot; the message says why.
     """
     _require_possible(robot)
     built = build(robot, settings, friction)
     if built.heights is not None:
-        raise RpctlError("a model with height fields is not written as MJCF")
+        raise RpctlError("a model with a height field cannot be exported; leave `heights` empty")
     spec = built.spec
     for body in spec.bodies:
         for joint in body.joints:
@@ -83,7 +82,7 @@ def prepare(robot: Robot, settings: ContactSettings, friction: float, hidden: bo
         leaders = ", ".join(swivel.joint for swivel in robot.drive.steered)
         loose = (
             f"{', '.join(built.followers)} follow {leaders} in a way that MuJoCo's constraints "
-            "cannot express: in the file only their motors move them; hold each at its angle of "
+            "cannot express: in the file only their motors move them; hold each at its angle in "
             "robot.configuration(...)"
         )
         built = replace(built, notes=(*built.notes, loose))
@@ -91,25 +90,25 @@ def prepare(robot: Robot, settings: ContactSettings, friction: float, hidden: bo
 
 
 def _require_possible(robot: Robot) -> None:
-    """Refuse robots whose wheels no plain MuJoCo model has."""
+    """Refuse robots whose wheels plain MuJoCo cannot model."""
     drive = robot.drive
     if drive.leans:
         raise RpctlError(
-            f"{robot.name} leans on two wheels, and export verifies a file by how it stands and "
-            "rolls without a law, which this robot cannot; simulate it with `rpctl track --plant "
-            "contact`, prove it with `rpctl verify --contact`"
+            f"{robot.name} leans on two wheels and falls without a law, but export verifies a file "
+            "by letting the robot stand and roll without one; simulate it with `rpctl track "
+            "--plant contact`, verify it with `rpctl verify --contact`"
         )
     if not drive.wheels:
         raise RpctlError(
-            f"{robot.name} has no wheels; a fixed base is read by MuJoCo from its URDF as it is"
+            f"{robot.name} has no wheels; MuJoCo can read the URDF of a fixed base directly"
         )
     rolling = has_rollers(robot) or drive.type == "skid-steer"
     sliding = [wheel.joint for wheel in drive.wheels if wheel.slides and not rolling]
     if sliding:
         raise RpctlError(
-            f"{robot.name}: nothing holds {', '.join(sliding)} sideways, but friction of MuJoCo's "
-            "contacts holds in all directions alike; lock what they hang on, or declare another "
-            "drive with --drive"
+            f"{robot.name}: {', '.join(sliding)} may slide sideways, but friction in MuJoCo is the "
+            "same in all directions; lock the joints that carry them, or declare another drive "
+            "with --drive"
         )
 
 
@@ -119,11 +118,11 @@ class MjcfExport:
 
     Attributes:
         path: The file.
-        written: Whether it was put in place: every row passed.
-        checks: What was compared.
-        skipped: What could not be, and why.
-        notes: What was assumed, mended or left out, in sentences.
-        digest: Of the certificate in the file.
+        written: Whether the file was written: every row passed.
+        checks: The comparisons.
+        skipped: Comparisons that could not be made, with reasons.
+        notes: Sentences on what was assumed, changed or left out.
+        digest: Digest of the certificate in the file.
         meshes: Mesh files beside it.
         verified: The certificate of the equations.
     """
@@ -159,7 +158,7 @@ def write_mjcf(
     meshes: bool,
     facts: Mapping[str, Any],
 ) -> MjcfExport:
-    """Write a robot as MJCF, if the file, read back by MuJoCo, is the robot and rolls as it does.
+    """Write a robot as MJCF if the file, read back by MuJoCo, agrees with the reduced model.
 
     ``facts`` say how to load the robot again; see :func:`rpctl.simulation.mjcf_file.export_mjcf`.
     """
@@ -177,7 +176,7 @@ def write_mjcf(
     compared = compare_with_witness(file.model, witness)
     nearest = next((c for c in verified.checks if not c.passed), verified.worst)
     proven = replace(nearest, name=f"rpctl verify: {nearest.name}")
-    # Nothing of the file may differ from the model but its keyframe, which is written beside it.
+    # Only the keyframe may differ between file and model; it is added to the file.
     found = compare_tables(tabulate(built.compile()), file.table)
     faults = [edit.sentence for edit in found.edits if edit.matters and edit.kind != "key"]
     residual = float("inf") if faults else found.largest
@@ -203,7 +202,7 @@ def _certificate(
     verified: Certificate,
     given: Mapping[str, Any],
 ) -> MjcfCertificate:
-    """Return what the file says of itself; ``given`` are the settings and how to load the robot."""
+    """Return the certificate; ``given`` holds the settings and how to load the robot."""
     text = json.dumps(verified.to_dict(), sort_keys=True)
     return MjcfCertificate(
         robot=robot.name,
@@ -225,7 +224,7 @@ def _certificate(
 
 
 def _sections(robot: Robot, model: Any, root: str, drawn: Drawn) -> dict[str, list[Any]]:
-    """Return what the file has besides the model: looks, sensors, and the stand at home."""
+    """Return what the file has besides the model: visuals, sensors, and the keyframe."""
     home, hold = settle(robot, model, root)
     controls = np.zeros(model.nu)
     controls[[model.actuator(name).id for name in robot.actuators]] = hold
@@ -279,13 +278,13 @@ def _compiled(data: bytes, drawn: Drawn, path: Path) -> Any:
         except ValueError as error:
             reason = " ".join(str(error).replace(str(folder), "").split())
             raise RpctlError(
-                f"MuJoCo refuses what is drawn of the robot: {reason}; leave meshes out with "
+                f"MuJoCo refuses the visual meshes of the robot: {reason}; leave meshes out with "
                 "--no-meshes, or correct the mesh"
             ) from None
 
 
 def _put(path: Path, data: bytes, drawn: Drawn) -> tuple[Path, ...]:
-    """Put the meshes and then the file in place; a mesh of a name is always the same one."""
+    """Write the meshes, then the file; equal names of meshes mean equal content."""
     folder = mesh_folder(path)
     if drawn.files:
         make_folder(folder)

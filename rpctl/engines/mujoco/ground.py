@@ -1,9 +1,9 @@
-"""What of a robot meets the ground: wheels or their rollers, supports, and how hard contacts are.
+"""A robot's contacts with the ground: wheels or their rollers, supports, stiffness of contacts.
 
-Mecanum and omni wheels carry rollers, for MuJoCo's friction has no direction that turns with a
-wheel. A roller's barrel is an ellipsoid whose profile has the curvature of the wheel's rim along
-the roller, which lies at an angle γ to the axle: half its length is √(b (r − b cos²γ))/sin γ with b
-its radius, so that the rim is round to fourth order. Barrels overlap, for they do not collide.
+Mecanum and omni wheels carry rollers, because MuJoCo's friction has no direction that turns with a
+wheel. A roller is an ellipsoid whose profile has the curvature of the wheel's rim along the roller,
+which lies at an angle γ to the axle: half its length is √(b (r − b cos²γ))/sin γ, b its radius, so
+that the rim is round to fourth order. Rollers overlap, because they do not collide.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ from rpctl.errors import RpctlError
 from rpctl.robot.model import Robot
 
 GROUND = "ground"  # name of the ground's geom
-SHARE = 0.2  # impedance of the load: how much of a contact's acceleration it decides
-GRIP = 100.0  # hardness of friction as a multiple of the load's (``impratio``)
+SHARE = 0.2  # impedance along the normal: share of a contact's acceleration that it determines
+GRIP = 100.0  # stiffness of friction over that along the normal (``impratio``)
 PYRAMID_IMPEDANCE = [0.9, 0.95, 1e-3, 0.5, 2.0]
 PROP = 0.02  # m, radius of a prop
 MIN_REACH = 0.1  # m: a prop's distance ahead of P and to its side, at least
-ALIKE = 3.0  # inverse masses within this factor: MuJoCo's number is left, the robot stands level
-ROLLERS = 12  # on a wheel: its rim is round to a hundredth of its radius
+ALIKE = 3.0  # ratio of inverse masses up to which MuJoCo's value is kept: the robot stands level
+ROLLERS = 12  # per wheel: its rim is round to 1 % of its radius
 ROLLER_THICKNESS = 0.25  # radius of a roller, of the wheel's
-ROLLER_MASS = 5e-3  # of a roller, of the wheel's: rolling models give rollers none
+ROLLER_MASS = 5e-3  # mass of a roller over the wheel's; a rolling model has massless rollers
 ROLLER_STEPS = 3.0  # timesteps: time constant of a roller's contact; a soft one takes energy as
 ROLLER_IMPEDANCE = (0.9, 0.95, 1e-3, 0.5, 2.0)  # each roller presses in and leaves
 ROLLER_NOTE = (
-    f"mecanum and omni wheels have {ROLLERS} barrel rollers each, at the drive's angle and of a "
-    "two hundredth of the wheel's mass, taken from it"
+    f"each mecanum or omni wheel has {ROLLERS} barrel rollers at the drive's angle; each roller "
+    "takes 1/200 of the wheel's mass"
 )
 
 
@@ -54,11 +54,11 @@ def has_rollers(robot: Robot) -> bool:
 
 
 class GroundContacts:
-    """Adds to a robot's spec what meets the ground.
+    """Adds a robot's contacts with the ground to its spec.
 
     Attributes:
         owners: Name of the contact of each geom of a wheel or support, by the geom's name.
-        notes: What was assumed, in sentences.
+        notes: Sentences on what was assumed.
     """
 
     def __init__(self, spec: Any, robot: Robot, settings: ContactSettings, friction: float) -> None:
@@ -68,7 +68,7 @@ class GroundContacts:
         self.notes: list[str] = []
 
     def add_all(self) -> None:
-        """Add wheels, supports, and what else the settings ask for."""
+        """Add wheels, supports, and the further contacts of the settings."""
         rolling = has_rollers(self._robot)
         for wheel in self._robot.drive.wheels:
             self._add_rollers(wheel) if rolling else self._add_wheel(wheel)
@@ -83,7 +83,7 @@ class GroundContacts:
     def _add(
         self, body: Any, name: str, kind: str, size: list[float], pose: Array, friction: float
     ) -> Any:
-        """Add a geom that meets the ground to an ``MjsBody``, and return their contact pair.
+        """Add a geom that touches the ground to an ``MjsBody``, and return the contact pair.
 
         ``kind`` and ``size`` are MuJoCo's; without friction the geom slides.
         """
@@ -96,13 +96,14 @@ class GroundContacts:
         return pair
 
     def _soften(self, pair: Any) -> None:
-        """Set how hard a contact is, along its normal and along the ground.
+        """Set the stiffness of a contact, along its normal and along the ground.
 
-        MuJoCo's friction is relaxed: what slides at a speed v is lifted by μ b v/k, b the rate at
-        which slipping ends and k the stiffness under the load. As b is set for the ground's plane
-        alone, and the load's impedance is low, the lift stays below what the load presses in; with
-        MuJoCo's own numbers a cylinder that scrubs leaves the ground and chatters. Friction proper
-        stays hard, by ``impratio``. A pyramid has one set of numbers for all; it gets MuJoCo's.
+        MuJoCo's friction is relaxed: a contact that slides at a speed v is lifted by μ b v/k, where
+        b is the rate at which friction ends slip and k the stiffness under the load. Here b is set
+        for the tangential directions only and the impedance along the normal is low, so that the
+        lift is smaller than the penetration; with MuJoCo's defaults a cylinder that scrubs leaves
+        the ground and chatters. ``impratio`` keeps friction stiff. A pyramid has one set of numbers
+        for all directions and keeps MuJoCo's.
         """
         constant = self._settings.time_constant
         if self._settings.cone == "pyramidal":
@@ -114,7 +115,7 @@ class GroundContacts:
         pair.solimp = [SHARE, SHARE, 1e-3, 0.5, 2.0]
 
     def _on_link(self, link: str, name: str, shape: Shape, friction: float) -> None:
-        """Let a shape of a link meet the ground."""
+        """Let a shape of a link touch the ground."""
         head, pose = place_in_body(self._robot, link)
         body = self._spec.body(body_name(head))
         self._add(body, name, shape.kind, geom_size(shape), pose @ shape.origin, friction)
@@ -140,7 +141,7 @@ class GroundContacts:
         axis = np.array(wheel.axis)
         pose = about(axis)
         pose[:3, 3] = wheel.offset * axis
-        # A ball that slides, though its file lets it turn one way.
+        # A ball slides, although its joint in the file turns about one axis.
         ball = wheel.slides and not wheel.driven and "sphere" in wheel.source
         friction = self._settings.caster_friction if ball else self._friction
         self._add(self._wheel_body(wheel), wheel.joint, kind, size, pose, friction)
@@ -183,7 +184,7 @@ class GroundContacts:
             self.owners[name] = name
 
     def _add_drawn_casters(self) -> None:
-        """Add casters that only meshes draw, as balls."""
+        """Add balls for casters that have only mesh shapes."""
         tree = self._robot.tree
         for link in self._supports.unknown:
             head, pose = place_in_body(self._robot, link)
@@ -193,11 +194,11 @@ class GroundContacts:
             body = self._spec.body(body_name(head))
             self._add(body, link, "sphere", [radius, 0.0, 0.0], pose, friction)
             self.notes.append(
-                f'caster "{link}" has only meshes; it becomes a ball of {radius:.3g} m'
+                f'caster "{link}" has only mesh shapes; a ball of radius {radius:.3g} m is used'
             )
 
     def _add_props(self) -> None:
-        """Hold the robot up by balls that slide."""
+        """Add frictionless balls that hold the robot up."""
         drive = self._robot.drive
         reach = max(0.5 * drive.track, MIN_REACH)
         cos, sin = math.cos(drive.heading), math.sin(drive.heading)
@@ -208,10 +209,12 @@ class GroundContacts:
             pose[1, 3] = drive.point[1] + reach * (sin * ahead + cos * left)
             pose[2, 3] = drive.ground + PROP
             self._add(body, f"prop{k}", "sphere", [PROP, 0.0, 0.0], pose, 0.0)
-        self.notes.append(f"four added balls hold it up, {reach:.3g} m around P")
+        self.notes.append(
+            f"four added frictionless balls hold the robot up, {reach:.3g} m from P along each axis"
+        )
 
     def _add_body(self) -> None:
-        """Let all that the file draws for collisions meet the ground, but for meshes."""
+        """Let all collision shapes of the file except meshes touch the ground."""
         description = self._robot.description
         lines = {part.line for part in self._supports.parts}
         wheels = {description.joint[wheel.joint].child for wheel in self._robot.drive.wheels}
@@ -226,16 +229,17 @@ class GroundContacts:
                     name = f"{link.name} (line {shape.line})"
                     self._on_link(link.name, name, shape, self._friction)
         if meshed:
-            self.notes.append(f"the meshes of {len(meshed)} links do not meet the ground")
+            self.notes.append(f"the meshes of {len(meshed)} links do not touch the ground")
 
     def even(self) -> None:
-        """Let contacts sink as the robot's mass on them has it, not as that of a caster's wheel.
+        """Let contacts sink according to the robot's mass, not to that of a caster's wheel.
 
-        MuJoCo softens a contact by R = (1 − d)/d w, d its impedance and w the inverse mass of its
-        body in all directions; see :func:`vertical_inverse_masses`. Where that is far more, a
-        contact gets the d for which R is that of the inverse mass against vertical forces there. As
-        MuJoCo divides direct stiffness and damping by d, these are multiplied by as much as d
-        grows. Rollers have hard contacts of their own.
+        MuJoCo regularises a contact by R = (1 − d)/d w, with its impedance d and the mean inverse
+        mass w of its body; see :func:`vertical_inverse_masses`. If w is much larger than the
+        inverse mass against vertical forces, the contact gets the d for which R is that of the
+        latter.
+        MuJoCo divides direct stiffness and damping by d, so they are scaled with d. Rollers have
+        hard contacts of their own.
         """
         try:
             model = self._spec.compile()
@@ -259,7 +263,7 @@ class GroundContacts:
 
 
 class LeaningContacts(GroundContacts):
-    """Adds what meets the ground of a robot that leans: its tyres, each at one point."""
+    """Adds the contacts of a robot that leans: each tyre touches the ground at one point."""
 
     def __init__(self, spec: Any, robot: Robot, settings: ContactSettings, friction: float) -> None:
         if settings.props:
@@ -276,6 +280,6 @@ class LeaningContacts(GroundContacts):
 
 
 def _harder(impedance: float, ratio: float) -> float:
-    """Return the impedance d for which d/(1 − d) is ``ratio`` times that of another."""
+    """Return the impedance d for which d/(1 − d) is ``ratio`` times that of a given one."""
     odds = ratio * impedance / (1.0 - impedance)
     return odds / (1.0 + odds)

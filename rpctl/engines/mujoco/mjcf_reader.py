@@ -1,11 +1,11 @@
-"""MJCF of others, read strictly, and what it means as a table of plain values.
+"""MJCF from others, read strictly, and its content as a table of plain values.
 
-A check reads one file: no entities, no elements that read or make others. What only a picture shows
-(meshes, textures, materials) is taken out before MuJoCo compiles the model.
+A check reads one file: no entities, no elements that read or generate others. Meshes, textures and
+materials are removed before MuJoCo compiles the model.
 
-The table has names in the place of indices, so whitespace, comments, the order of attributes,
-defaults and classes leave no trace. Fields are taken by their prefix in ``MjModel``, all but those
-that follow from others: one that a new MuJoCo adds is in the table.
+The table has names instead of indices, so that whitespace, comments, the order of attributes,
+defaults and classes do not matter. It takes all fields of ``MjModel`` with a known prefix, except
+those that follow from others, so that it also contains fields that a new MuJoCo adds.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from rpctl.equivalence.contact.mujoco_body import mujoco_library, muted
 from rpctl.errors import DescriptionError, Finding, RpctlError, one_line
 from rpctl.files.caps import cap, how_to_raise, read_input
 
-Value = str | list[float | str]  # of a field: a word, or numbers and names
+Value = str | list[float | str]  # value of a field: a word, or numbers and names
 Fields = dict[str, Value]
 Table = dict[str, dict[str, Fields]]  # by kind and name; names in the order of the model
 
 POLYNOMIAL = 5  # coefficients of a tie of joints or tendons
 COMPILER_ONLY = ("sameframe", "bvhadr", "bvhnum", "plugin", "user", "rbound", "aabb", "invweight0")
-DERIVED = {  # fields that say nothing of their own: addresses, counts, and what MuJoCo computes
+DERIVED = {  # fields without content of their own: addresses, counts, and what MuJoCo computes
     "body": (
         "rootid", "weldid", "jntnum", "jntadr", "dofnum", "dofadr", "treeid", "geomnum",
         "geomadr", "simple", "subtreemass", "margin", "contype", "conaffinity", "inertia", "iquat",
@@ -54,7 +54,7 @@ DERIVED = {  # fields that say nothing of their own: addresses, counts, and what
 REFERENCES = {  # fields that are indices, and of what kind
     "parentid": "body", "bodyid": "body", "geom1": "geom", "geom2": "geom",
 }  # fmt: skip
-TYPED_REFERENCES = {"objid": "objtype", "refid": "reftype"}  # of a kind that another field gives
+TYPED_REFERENCES = {"objid": "objtype", "refid": "reftype"}  # whose kind is in another field
 TIED = ("obj1id", "obj2id")  # of equalities: joints, tendons, or what their objects' type says
 TRANSMISSIONS = {"JOINT": "joint", "JOINTINPARENT": "joint", "TENDON": "tendon", "SITE": "site",
                  "BODY": "body"}  # fmt: skip
@@ -66,52 +66,52 @@ PREFIXES = {  # kind, as MJCF calls it, and the prefixes of its fields
 }  # fmt: skip
 ROOT = "mujoco"
 A_FILE = "an MJCF file that `rpctl export` wrote"
-NOT_READ = {  # elements that a check does not read, and what they do
+NOT_READ = {  # elements that a check refuses, and what they do
     "include": "reads another file",
     "model": "reads another file",
     "attach": "takes parts of another model",
-    "plugin": "runs code of others",
-    "extension": "runs code of others",
+    "plugin": "runs foreign code",
+    "extension": "runs foreign code",
     "replicate": "makes copies",
     "composite": "makes elements",
     "flexcomp": "makes elements",
     "flex": "is a soft body",
-    "skin": "is drawn only",
-    "hfield": "is ground of another kind",
+    "skin": "is only drawn",
+    "hfield": "is ground that is not flat",
 }
-COUNTS = ("nsample", "nkey", "nuserdata", "memory")  # of numbers that MuJoCo keeps room for
-MAX_DIGITS = 4  # of such a count
+COUNTS = ("nsample", "nkey", "nuserdata", "memory")  # attributes for which MuJoCo allocates memory
+MAX_DIGITS = 4  # of such an attribute
 DRAWN_ASSETS = ("texture", "material", "mesh")
 
 
 @dataclass(frozen=True)
 class _NamedModel:
-    """A compiled model, and the engine that names its parts."""
+    """A compiled model, with functions that name its elements."""
 
     mujoco: Any
     model: Any
 
     @property
     def polynomials(self) -> tuple[int, int]:
-        """The types of equalities whose data is a polynomial."""
+        """The types of equalities whose data are the coefficients of a polynomial."""
         kinds = self.mujoco.mjtEq
         return int(kinds.mjEQ_JOINT), int(kinds.mjEQ_TENDON)
 
     def name(self, kind: str, index: int) -> str:
-        """Return the name of an element; of one without a name its number."""
+        """Return the name of an element, or its number if it has none."""
         if index < 0:
             return ""
         object_type = getattr(self.mujoco.mjtObj, f"mjOBJ_{kind.upper()}")
         return self.mujoco.mj_id2name(self.model, object_type, index) or f"number {index + 1}"
 
     def typed_name(self, kind: int, index: int) -> str:
-        """Return the name of an element whose kind is MuJoCo's number of it."""
+        """Return the name of an element, given MuJoCo's number of its kind."""
         word = str(self.mujoco.mjtObj(kind).name).removeprefix("mjOBJ_").lower()
         kind_word = {"xbody": "body", "unknown": ""}.get(word, word)
         return self.name(kind_word, index) if kind_word and index >= 0 else ""
 
     def tied_name(self, equality: int, kind: int, index: int) -> str:
-        """Return the name of an element that an equality ties; both numbers are MuJoCo's."""
+        """Return the name of an element of an equality, given MuJoCo's numbers."""
         word = str(self.mujoco.mjtEq(equality).name).removeprefix("mjEQ_").lower()
         known = word in ("joint", "tendon")
         return self.name(word, index) if known else self.typed_name(kind, index)
@@ -140,7 +140,7 @@ def _numbers(value: Any) -> list[float | str]:
 
 
 def _arrays(of: _NamedModel, prefix: str) -> dict[str, Any]:
-    """Return what the model holds of a kind, by the names of fields without their prefix."""
+    """Return the model's arrays for a kind, by field name without prefix."""
     left_out = {*COMPILER_ONLY, *DERIVED.get(prefix, ())}
     found = {}
     for attribute in dir(of.model):
@@ -162,7 +162,7 @@ def _value(of: _NamedModel, name: str, index: int, arrays: Mapping[str, Any]) ->
     if name in TYPED_REFERENCES:
         return of.typed_name(int(arrays[TYPED_REFERENCES[name]][index]), int(entry))
     if name == "data" and int(arrays["type"][index]) in of.polynomials:
-        return _numbers(entry[:POLYNOMIAL])  # the rest means nothing, and differs by version
+        return _numbers(entry[:POLYNOMIAL])  # the rest has no meaning, and differs between versions
     if name == "trnid":
         word = str(of.mujoco.mjtTrn(int(arrays["trntype"][index])).name).removeprefix("mjTRN_")
         return of.name(TRANSMISSIONS.get(word, "site"), int(entry[0]))
@@ -172,7 +172,7 @@ def _value(of: _NamedModel, name: str, index: int, arrays: Mapping[str, Any]) ->
 
 
 def _degree_of_freedom(of: _NamedModel, index: int) -> Fields:
-    """Return what a joint loses, its rotor's inertia, and where its springs rest."""
+    """Return a joint's damping, friction, rotor inertia and spring reference."""
     start = int(of.model.jnt_dofadr[index])
     place = int(of.model.jnt_qposadr[index])
     fields: Fields = {name: _numbers(array[start]) for name, array in _arrays(of, "dof").items()}
@@ -191,7 +191,7 @@ def _inertia(of: _NamedModel, body: int) -> list[float | str]:
 
 
 def _rest(of: _NamedModel) -> Fields:
-    """Return what else moves a model: how many there are of it, and the ways of tendons."""
+    """Return what else affects the motion: counts of further elements, and tendon paths."""
     found: Fields = {
         name: [float(getattr(of.model, f"n{name}"))]
         for name in COUNTED
@@ -215,12 +215,12 @@ def _option(of: _NamedModel) -> Fields:
 
 @dataclass(frozen=True)
 class StrictMjcf:
-    """An MJCF file, read and compiled without what only a picture shows.
+    """An MJCF file, read and compiled without meshes, textures and materials.
 
     Attributes:
         path: The file.
-        model: ``MjModel``; a mesh is a ball in it.
-        table: What the file means, with the names of meshes and the attributes of assets.
+        model: ``MjModel``, with a ball in the place of each mesh.
+        table: The content of the file, with the names of meshes and the attributes of assets.
         texts: The custom texts, by name.
     """
 
@@ -234,22 +234,22 @@ def read_mjcf(path: str | Path) -> StrictMjcf:
     """Return an MJCF file.
 
     Raises:
-        RpctlError: It cannot be opened, is no MJCF, or MuJoCo refuses it.
+        RpctlError: The file cannot be opened, is not MJCF, or MuJoCo refuses it.
     """
     return parse_mjcf(read_input(path, "MAX_BYTES", A_FILE), path)
 
 
 def parse_mjcf(data: bytes, path: str | Path) -> StrictMjcf:
-    """Return the MJCF file that some bytes are.
+    """Return an MJCF file, given its bytes.
 
     Raises:
-        RpctlError: They are no MJCF, or MuJoCo refuses it.
+        RpctlError: They are not MJCF, or MuJoCo refuses it.
     """
     root = _parsed(data, path)
     for element in root.iter():
         why = NOT_READ.get(element.tag) or _greed(element)
         if why:
-            fault = f"<{element.tag}> {why}: check does not read it"
+            fault = f"<{element.tag}> {why}, so `rpctl check` refuses it"
             raise _fault(path, f"{fault}; expand it, or export again", element)
     texts = {text.get("name", ""): text.get("data", "") for text in root.iterfind("custom/text")}
     mujoco = mujoco_library()
@@ -270,12 +270,12 @@ def parse_mjcf(data: bytes, path: str | Path) -> StrictMjcf:
 
 
 def _greed(element: Any) -> str:
-    """Return how an element asks for more memory than its text has, or nothing."""
+    """Return a phrase if an element requests much memory, else nothing."""
     words = {name: text for name, text in element.items() if name in COUNTS}
     if element.tag == "size":
         words |= dict(element.items())
     greedy = (text for text in words.values() if not (text.isdigit() and len(text) <= MAX_DIGITS))
-    return "asks for memory" if any(greedy) else ""
+    return "requests memory" if any(greedy) else ""
 
 
 def _parsed(data: bytes, path: str | Path) -> Any:
@@ -283,7 +283,7 @@ def _parsed(data: bytes, path: str | Path) -> Any:
     if data.count(b"<") > 2 * cap("MAX_ELEMENTS"):
         raise _fault(path, f"too many elements; {how_to_raise('MAX_ELEMENTS')}")
     parser = etree.XMLParser(
-        encoding="utf-8",  # as MuJoCo reads it, whatever it declares: UTF-7 would hide elements
+        encoding="utf-8",  # as MuJoCo reads every file: UTF-7 would hide elements
         resolve_entities=False,
         no_network=True,
         load_dtd=False,
@@ -303,10 +303,10 @@ def _parsed(data: bytes, path: str | Path) -> Any:
 
 
 def _without_pictures(spec: Any, mujoco: Any) -> list[tuple[Any, str]]:
-    """Take meshes, materials and textures out of a model; return each geom and its mesh's name.
+    """Remove meshes, materials and textures from a model; return each geom and its mesh's name.
 
-    A mesh becomes a small ball in its place. One that collides is a change of the table's, too:
-    rpctl exports no such.
+    A small ball replaces each mesh. A mesh that collides shows as a difference of the tables,
+    because rpctl exports none.
     """
     drawn = []
     for geom in spec.geoms:
@@ -324,7 +324,7 @@ def _without_pictures(spec: Any, mujoco: Any) -> list[tuple[Any, str]]:
 
 
 def _assets(root: Any) -> dict[str, Fields]:
-    """Return the attributes of what pictures show, by kind and name."""
+    """Return the attributes of textures, materials and meshes, by kind and name."""
     found: dict[str, Fields] = {}
     for element in root.iterfind("asset/*"):
         if element.tag in DRAWN_ASSETS:

@@ -1,9 +1,9 @@
-"""A robot's ``MjSpec`` as MJCF: every number in full, every default left out.
+"""A robot's ``MjSpec`` as MJCF: all digits of each number, no defaults.
 
-MuJoCo's writer rounds to six digits, so that what is read back is another robot. How many it writes
-is a setting of its library that its Python module leaves out; here it writes enough to read each
-double again, and they are then shortened as far as they may be. An export reads its file back, so a
-MuJoCo that rounds all the same is found.
+MuJoCo's writer rounds to six digits, which changes the robot. The number of digits is a setting of
+its library that its Python module does not offer; here MuJoCo writes enough digits to restore each
+double, and superfluous digits are then removed. An export reads its file back, which reveals a
+MuJoCo that rounds nevertheless.
 """
 
 from __future__ import annotations
@@ -29,26 +29,26 @@ from rpctl.equivalence.contact.model import geom_size
 from rpctl.equivalence.contact.mujoco_body import mujoco_library, quaternion
 from rpctl.robot.model import Robot
 
-DIGITS = 17  # of which each double is read again
+DIGITS = 17  # enough to restore each double
 LONG_NUMBER = re.compile(r"-?\d+\.\d{9,}(e[+-]?\d+)?")
-WRITTEN_LAST = ("sensor", "keyframe", "custom")  # sections that stand below the model's own
+WRITTEN_LAST = ("sensor", "keyframe", "custom")  # sections that follow the model's own
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Return numbers as MJCF has them, each in the fewest digits that it is read from again."""
+    """Return numbers as the text of an attribute, with the fewest digits that restore each."""
     return " ".join(_number(value) for value in values)
 
 
 def write_model(
     spec: Any, drawn: dict[str, list[Any]], sections: dict[str, list[Any]], comment: str
 ) -> Any:
-    """Return the root element of the MJCF of a spec that was compiled.
+    """Return the root element of the MJCF of a compiled spec.
 
     Args:
         spec: ``MjSpec``.
-        drawn: Shapes that are only drawn, lights and cameras, by the name of their body.
-        sections: What else there is, by section: ``"asset"``, ``"sensor"``, ``"custom"`` …
-        comment: What a reader is told at the top.
+        drawn: Visual shapes, lights and cameras, by the name of their body.
+        sections: Further elements by section: ``"asset"``, ``"sensor"``, ``"custom"`` …
+        comment: The comment at the top.
     """
     root = etree.fromstring(_xml(spec))
     root.insert(0, etree.Comment(comment))
@@ -73,7 +73,7 @@ def to_bytes(root: Any) -> bytes:
 
 
 def _xml(spec: Any) -> str:
-    """Return a spec as MuJoCo writes it, with all digits that count."""
+    """Return a spec as MuJoCo writes it, with all significant digits."""
     native = ctypes.CDLL(mujoco_library()._functions.__file__)
     usual = native._mjPRIVATE__get_xml_precision()
     native._mjPRIVATE__set_xml_precision(DIGITS)
@@ -84,26 +84,26 @@ def _xml(spec: Any) -> str:
 
 
 def _number(value: Any) -> str:
-    """Return a number in the fewest digits that it is read from again."""
+    """Return a number with the fewest digits that restore it."""
     number = float(value)
     return str(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)
 
 
 DRAWN_GROUP = "1"  # that a viewer shows
 COLOUR = (0.74, 0.77, 0.81, 1.0)  # where neither the URDF nor the mesh gives one
-MAX_TRIANGLES = 1_000_000  # of a whole robot: more is left out
+MAX_TRIANGLES = 1_000_000  # per robot: further meshes are left out
 NOTHING = {"contype": "0", "conaffinity": "0", "group": DRAWN_GROUP}
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """What is drawn of a robot.
+    """The visual shapes of a robot.
 
     Attributes:
         parts: Geoms, by the name of their body.
-        assets: The meshes that they show.
+        assets: The elements of their meshes.
         files: Contents of the mesh files, by name.
-        notes: What was left out, and why.
+        notes: Sentences on what was left out, with reasons.
     """
 
     parts: dict[str, list[Any]]
@@ -113,7 +113,7 @@ class Drawn:
 
 
 def draw(robot: Robot, meshes: bool) -> Drawn:
-    """Return what is drawn of a robot: its visual shapes; of one without, its collision shapes."""
+    """Return the visual shapes of a robot, or its collision shapes if it has no visual ones."""
     links = robot.description.links
     visual = any(link.visuals for link in links)
     drawing = _Drawing(robot, meshes)
@@ -128,7 +128,7 @@ def draw(robot: Robot, meshes: bool) -> Drawn:
 
 
 class _Drawing:
-    """Geoms and meshes as they are collected."""
+    """Collects geoms and meshes."""
 
     def __init__(self, robot: Robot, meshes: bool) -> None:
         self._robot, self._meshes = robot, meshes
@@ -161,7 +161,7 @@ class _Drawing:
             if asset not in self._assets:
                 self._triangles += len(surface.faces)
                 if self._triangles > MAX_TRIANGLES:
-                    raise MeshError(f"over {MAX_TRIANGLES} triangles in all")
+                    raise MeshError(f"more than {MAX_TRIANGLES} triangles in total")
                 file = f"{asset}.obj"
                 self._assets[asset] = etree.Element(
                     "mesh", {"name": asset, "file": file, "inertia": "shell"}
@@ -183,7 +183,7 @@ class _Drawing:
         self._parts.setdefault(body_name(head), []).append(etree.Element("geom", attributes))
 
     def drawn(self) -> Drawn:
-        """Return all that was collected."""
+        """Return the collected shapes."""
         notes = [
             f"meshes of {', '.join(dict.fromkeys(links))} are not drawn: {fault}"
             for fault, links in self._faults.items()
@@ -201,6 +201,6 @@ def _obj(surface: Surface, scale: Array) -> bytes:
 
 
 def _asset_name(mesh: str, data: bytes) -> str:
-    """Return a name that tells a mesh's content, so that files of one name are one."""
+    """Return a name that depends on a mesh's content, so that equal names mean equal files."""
     stem = re.sub(r"[^\w-]", "_", PurePath(mesh).stem)[:40] or "mesh"
     return f"{stem}-{hashlib.sha256(data).hexdigest()[:10]}"

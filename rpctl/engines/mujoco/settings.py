@@ -1,4 +1,4 @@
-"""How a robot meets the ground in MuJoCo: one record of settings, and the heights that it names."""
+"""Contact settings of a robot in MuJoCo, and the heights of the ground that they name."""
 
 from __future__ import annotations
 
@@ -17,19 +17,23 @@ from rpctl.libraries import library
 
 WHEEL_SHAPES = ("cylinder", "crowned")
 CONES = ("elliptic", "pyramidal")
-MIN_CONSTANT_IN_STEPS = 20.0  # time constant over timestep: harder contacts chatter as they slip
+MIN_CONSTANT_IN_STEPS = 20.0  # stiffer contacts chatter when they slip
 KIND = "heights of a ground: a .png in grey, a .csv or a .npy of numbers"
 MAX_CELLS = 4_000_000  # of a grid; a picture of 2000 by 2000
 MIN_CELLS = 2  # along each side
 MAX_HEIGHT = 1e3  # m
 BASE = 0.5  # m of ground below the lowest point
-LEAST = 1e-6  # m: MuJoCo wants some relief, of level ground too
+LEAST = 1e-6  # m: MuJoCo requires some relief, even of level ground
 WHITE = {"L": 255.0, "I;16": 65535.0, "I;16B": 65535.0, "I": 65535.0}  # by Pillow's mode
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContactSettings(Record):
-    """How a robot meets the ground in MuJoCo; table [plant.contact]."""
+    """Contact settings of a robot and the ground in MuJoCo; table [plant.contact].
+
+    Raises:
+        RpctlError: ``time_constant`` is less than 20 timesteps, or ``extent`` has not two numbers.
+    """
 
     wheel_width: Annotated[
         float | None,
@@ -153,12 +157,12 @@ class Heights:
     extent: tuple[float, float]
 
     def highest(self, x: float, y: float, reach: float) -> float:
-        """Return the highest point within a square about a place, m; 0 off the ground.
+        """Return the highest point within a square, m; 0 outside the grid.
 
         Args:
-            x: Its middle, m.
-            y: Its middle, m.
-            reach: Half its side, m.
+            x: Centre of the square, m.
+            y: Centre of the square, m.
+            reach: Half the side of the square, m.
         """
         spans = []
         for count, length, at in zip(self.grid.shape, self.extent[::-1], (y, x), strict=True):
@@ -172,7 +176,7 @@ class Heights:
 
 
 def read_heights(settings: ContactSettings) -> Heights | None:
-    """Return the heights that settings name, or None for a plane.
+    """Return the heights in the file of the settings, or None for a plane.
 
     Raises:
         InputError: The file cannot be read, or holds no heights.
@@ -190,16 +194,20 @@ def read_heights(settings: ContactSettings) -> Heights | None:
     except (ValueError, OSError, SyntaxError, EOFError, MemoryError) as error:
         raise InputError(path, f"{str(error) or type(error).__name__}; give {KIND}") from None
     if grid.ndim != 2 or min(grid.shape) < MIN_CELLS or grid.size > MAX_CELLS:
-        raise InputError(path, f"its shape is {grid.shape}; give 2 by 2 to {MAX_CELLS} heights")
+        raise InputError(
+            path, f"its shape is {grid.shape}; give at least 2 by 2 and at most {MAX_CELLS} heights"
+        )
     grid = settings.relief * grid
     if not np.abs(grid).max() <= MAX_HEIGHT:
-        raise InputError(path, f"a height is no number up to {MAX_HEIGHT:g} m; give heights in m")
+        raise InputError(
+            path, f"a height is not a number or exceeds {MAX_HEIGHT:g} m; give heights in m"
+        )
     grid.setflags(write=False)
     return Heights(grid, settings.extent)
 
 
 def _picture(data: bytes) -> Array:
-    """Return a picture's greys (rows, columns) in [0, 1], its lowest line first."""
+    """Return a picture's grey values (rows, columns) in [0, 1], the lowest line first."""
     images = library("PIL.Image")
     with images.open(io.BytesIO(data), formats=["PNG"]) as image:
         if image.width * image.height > MAX_CELLS:

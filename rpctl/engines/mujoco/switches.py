@@ -1,4 +1,4 @@
-"""What MuJoCo does with a robot's file by default, and what mends it, in a spec and in words."""
+"""What MuJoCo does with a robot's file by default, and how to mend it, in a spec and in words."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ SOLIMP_WORDS = " ".join(f"{value:g}" for value in SOLIMP[:3])
 
 
 def mend(spec: Any, robot: Robot, mended: Mended, friction: float) -> Touching:
-    """Mend what the switches say, and return what then meets the ground.
+    """Mend the spec as the switches say, and return the geoms that touch the ground.
 
     Args:
         spec: The ``MjSpec``, of :func:`rpctl.engines.mujoco.user_load.load_as_user`.
         robot: The robot.
-        mended: What is mended.
-        friction: Coefficient between the robot and the ground.
+        mended: The mended switches.
+        friction: Coefficient of friction between the robot and the ground.
     """
     mender = _Mender(spec, robot, mended)
     supports = list(support_shapes(robot, find_supports(robot)))
@@ -75,7 +75,7 @@ def mend(spec: Any, robot: Robot, mended: Mended, friction: float) -> Touching:
 
 
 class _Mender:
-    """Edits the spec of a robot that a user loaded."""
+    """Edits the spec of a robot as a user loads it."""
 
     def __init__(self, spec: Any, robot: Robot, mended: Mended) -> None:
         self._spec, self._robot, self._mended = spec, robot, mended
@@ -84,28 +84,28 @@ class _Mender:
         self.crowned: dict[str, str] = {}
 
     def tie(self) -> bool:
-        """Tie swivels to the one that they follow; return whether there is one."""
+        """Tie swivels to the one that they follow; return whether that is possible."""
         ties = tie_polynomials(self._robot)
         for name, coefficients in ties.items():
             add_tie(self._spec, name, self._robot.drive.steered[0].joint, coefficients)
         return bool(ties)
 
     def open_to_all(self) -> None:
-        """Let everything meet everything, as by default, with bits that can be told apart."""
+        """Let all geoms collide, as by default, with different bits for robot and ground."""
         for geom in self._spec.geoms:
             geom.contype, geom.conaffinity = SELF, SELF | FLOOR
         ground = self._spec.geom(GROUND)
         ground.contype, ground.conaffinity = FLOOR, 0
 
     def take_wheel(self, wheel: Wheel) -> None:
-        """Find the geoms of a wheel; where that is mended, give it a crown instead."""
+        """Find the geoms of a wheel; if ``wheel`` is mended, replace them by a crowned one."""
         robot = self._robot
         drawn = [
             PREFIX + collision_name(link, k)
             for link in links_below(robot, robot.description.joint[wheel.joint].child)
             for k in range(len(robot.description.link[link].collisions))
         ]
-        # A ball that slides belongs to the casters.
+        # A sliding ball is treated as a caster.
         crowned = ("caster" if wheel.slides else "wheel") in self._mended
         self._take(drawn, wheel.joint, replaced=crowned)
         if crowned:
@@ -115,7 +115,7 @@ class _Mender:
             self.crowned[wheel.joint] = geom.name
 
     def take_support(self, name: str, link: str, shape: Shape) -> None:
-        """Find the geoms of a support; where that is mended, let another one slide instead."""
+        """Find the geoms of a support; if ``caster`` is mended, replace them by a sliding one."""
         shapes, sliding = self._robot.description.link[link].collisions, "caster" in self._mended
         drawn = [k for k, one in enumerate(shapes) if one.line == shape.line]
         names = [PREFIX + collision_name(link, k) for k in drawn]
@@ -124,7 +124,7 @@ class _Mender:
             self._touch(link, name, shape.kind, geom_size(shape), shape.origin).condim = 1
 
     def _take(self, names: list[str], contact: str, *, replaced: bool) -> None:
-        """Make geoms the contact's, or keep them off the ground."""
+        """Assign geoms to a contact, or keep them from touching the ground."""
         for geom in filter(None, map(self._spec.geom, names)):
             if replaced:
                 geom.conaffinity = SELF
@@ -132,8 +132,8 @@ class _Mender:
                 self.owner[geom.name] = contact
 
     def _touch(self, link: str, name: str, kind: str, size: list[float], pose: Array) -> Any:
-        """Add a geom of a contact that meets the ground and nothing else, and weighs nothing."""
-        # On the body that moves: MuJoCo 3.14 misplaces what is added to links that it fuses.
+        """Add a massless geom of a contact that touches the ground and nothing else."""
+        # On the moving body: MuJoCo 3.14 misplaces geoms that are added to links that it fuses.
         head, place = place_in_body(self._robot, link)
         geom = add_shape(self._spec.body(PREFIX + head), PREFIX + name, kind, size, place @ pose)
         geom.mass = 0.0
@@ -142,7 +142,7 @@ class _Mender:
         return geom
 
     def close(self) -> None:
-        """Let wheels and supports alone meet the ground, and nothing meet the robot."""
+        """Let only wheels and supports touch the ground, and exclude all other collisions."""
         for geom in self._spec.geoms:
             if geom.name != GROUND:
                 geom.contype = 0
@@ -170,9 +170,9 @@ class _Mender:
         option.disableflags |= int(self._mujoco.mjtDisableBit.mjDSBL_ISLAND)  # contacts are edited
 
     def give_inertias(self) -> None:
-        """Give each moving body the robot's inertia, those fixed to it none, joints rotors."""
+        """Give each moving body the inertia of all links fixed to it, and joints their rotors."""
         spec, robot, compiler = self._spec, self._robot, self._spec.compiler
-        compiler.fusestatic = False  # nothing is left to fuse: what is fixed weighs nothing
+        compiler.fusestatic = False  # nothing is left to fuse: fixed bodies are massless
         compiler.balanceinertia, compiler.boundmass, compiler.boundinertia = False, 0.0, 0.0
         compiler.inertiafromgeom = self._mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
         for link in robot.description.links:
@@ -186,7 +186,7 @@ class _Mender:
             spec.joint(name).armature = float(robot.armature[robot.velocity_index(name)])
 
 
-SAID = {  # what MuJoCo does with any robot by default, and what mends it
+SAID = {  # what MuJoCo does by default with any robot, and how to mend it
     "cone": (
         "friction is a pyramid, stronger along some directions than along others",
         'set <option cone="elliptic"/>',
@@ -208,7 +208,7 @@ SAID = {  # what MuJoCo does with any robot by default, and what mends it
 
 
 def mujoco_switches(robot: Robot) -> Iterator[Switch]:
-    """Yield the switches that mean something in MuJoCo of a robot."""
+    """Yield the switches that matter for a robot in MuJoCo."""
     for name, (fault, setting) in SAID.items():
         yield Switch(name, fault, setting)
     yield _wheel(robot)
@@ -225,8 +225,8 @@ def _wheel(robot: Robot) -> Switch:
     radius = max((tread.radius for tread in treads), default=0.0)
     half = max((tread.half_width for tread in treads), default=0.0)
     setting = (
-        f'make them <geom type="ellipsoid" size="{radius:.4g} {radius:.4g} {half:.4g}"/>, z along '
-        "the axle: crowned, they touch at one point"
+        f'make them <geom type="ellipsoid" size="{radius:.4g} {radius:.4g} {half:.4g}"/> with z '
+        "along the axle: crowned wheels touch at one point"
     )
     bare = [wheel.joint for wheel in wheels if not drawn_kinds(robot, wheel.joint)]
     if bare:
@@ -251,7 +251,7 @@ def _plural(kind: str) -> str:
 
 
 def _caster(robot: Robot) -> Iterator[Switch]:
-    """Yield the switch of what slides over the ground."""
+    """Yield the switch of supports and wheels that slide."""
     parts = find_supports(robot).parts
     names = [part.name for part in parts]
     names += [wheel.joint for wheel in robot.drive.wheels if wheel.slides]
@@ -263,13 +263,14 @@ def _caster(robot: Robot) -> Iterator[Switch]:
         if all(s.line != part.line for s in robot.description.link[part.link].collisions)
     ]
     fault = f"{listed(names, MAX_NAMED)} {'drag' if len(names) > 1 else 'drags'} with friction"
-    setting = 'set <geom condim="1" priority="1"/> there: they slide'
+    slide = 'set <geom condim="1" priority="1"/>'
+    setting = f"{slide} on them, so that they slide"
     if bare:
         have = "have" if len(bare) > 1 else "has"
         fault = (
             f"{listed(bare, MAX_NAMED)} {have} no <collision>, so nothing carries the load there"
         )
-        setting = f"give them a <collision> too, and {setting.removesuffix(' there: they slide')}"
+        setting = f"give them a <collision>, and {slide}"
     yield Switch("caster", fault, setting)
 
 
@@ -282,8 +283,8 @@ def _inertia(robot: Robot) -> Iterator[Switch]:
         fault = f"{listed(guessed, MAX_NAMED)} have no <inertial> and weigh 1000 kg/m³"
         faults[fault] = 'set <compiler inertiafromgeom="false"/>'
     if unphysical:
-        fault = f"the inertias of {listed(unphysical, MAX_NAMED)} are unphysical and get changed"
-        faults[fault] = "give the sum of the links fixed together to the body that moves"
+        fault = f"the inertias of {listed(unphysical, MAX_NAMED)} are unphysical and are changed"
+        faults[fault] = "give the moving body the summed inertia of the links fixed to each other"
     if robot.armature.any():
         faults["rotors have no inertia"] = (
             'set <joint armature="..."/> to that of the <transmission>'

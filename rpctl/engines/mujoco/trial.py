@@ -1,8 +1,8 @@
-"""An exported model on its ground, as MuJoCo runs the file: it stands, and rolls as the model does.
+"""A trial of an exported model on its ground: it stands, and rolls as the reduced model does.
 
-The motion is the one of ``rpctl verify --contact``: gentle, wheels' efforts open loop, steered and
-arm joints servoed on both sides. Efforts go through the file's actuators. Wheels that are cylinders
-scrub where they turn, which the reduced model leaves out: for the motion they are crowned.
+The motion is the gentle one of ``rpctl verify --contact``: the wheels' efforts are open loop, and
+servos move the steered and the arm's joints on both sides. The file's actuators apply the efforts.
+Cylindrical wheels scrub in turns, which the reduced model neglects, so crowned ones replace them.
 """
 
 from __future__ import annotations
@@ -43,27 +43,27 @@ from rpctl.robot.model import Robot
 
 FILE = "the file in MuJoCo"
 SETTLING_S, STANDING_S = 0.5, 1.0  # s
-STAND_BAND_M, STAND_BAND_RAD = 1e-3, 2e-3  # that a robot at rest may move in a second
-# What hard contacts leave of the catalogue, at worst: 2.2 mm over 1 m, 5.7 mrad over 0.8 rad; of
-# rollers 14 mm and 58 mrad. A wheel that is 5 % too large is 10 mm off.
+STAND_BAND_M, STAND_BAND_RAD = 1e-3, 2e-3  # bounds of the motion of a robot at rest in a second
+# Largest gaps over the catalogue with hard contacts: 2.2 mm over 1 m, 5.7 mrad over 0.8 rad; with
+# rollers 14 mm and 58 mrad. A wheel that is 5 % too large causes 10 mm.
 PATH_BAND, PATH_FLOOR_M = 4e-3, 1e-3  # of the distance travelled; m
 HEADING_BAND, HEADING_FLOOR = 8e-3, 4e-3  # of the angle turned; rad
-ROLLER_BANDS = 10.0  # times wider: a dozen barrels are not quite round, and roll as bodies of mass
+ROLLER_BANDS = 10.0  # factor on the bounds: a dozen barrels are not quite round, and have mass
 FOLLOWER_BANDWIDTH = 150.0  # rad/s, critically damped: stiffer than the servo of what they follow
 SCRUB_NOTE = (
-    "the wheels are cylinders, which scrub as they turn; the motion is compared with crowned ones"
+    "the wheels are cylinders, which scrub in turns; crowned wheels replace them in the comparison"
 )
 STEADY = "stands still"
 
 
 @dataclass(frozen=True, eq=False)
 class GroundTrial:
-    """What an exported model does on its ground.
+    """The outcome of the trial of an exported model on its ground.
 
     Attributes:
         checks: The rows.
-        skipped: What could not be compared, and why.
-        notes: What else there is to say.
+        skipped: Comparisons that could not be made, with reasons.
+        notes: Further sentences.
     """
 
     checks: tuple[Gap, ...]
@@ -72,21 +72,21 @@ class GroundTrial:
 
 
 class _TrialBody(MujocoBody):
-    """A robot in the model of a file, driven through the file's motors."""
+    """A robot in the model of a file, driven by the file's motors."""
 
     def __init__(self, robot: Robot, model: Any, root: str) -> None:
         super().__init__(robot, copy(model), root)  # the harness sets a flag of its own
         self._order = [int(model.actuator(name).id) for name in robot.actuators]
         joint = self.mujoco.mjtObj.mjOBJ_JOINT
         tied = {self.mujoco.mj_id2name(model, joint, int(index)) for index in model.eq_obj1id}
-        self._loose = {  # swivels that no tie holds, and what they weigh about their axes
+        self._loose = {  # swivels without a tie, and their inertia about their axes
             swivel.joint: float(model.dof_M0[self.dofs[swivel.joint]])
             for swivel in robot.drive.followers
             if swivel.joint in robot.actuators and swivel.joint not in tied
         }
 
     def go_home(self) -> None:
-        """Put it where the file's keyframe has it.
+        """Reset the robot to the file's keyframe.
 
         Raises:
             RpctlError: The file has no such keyframe.
@@ -110,7 +110,7 @@ class _TrialBody(MujocoBody):
             raise DivergedError(f"{self.robot.name}: its motion in MuJoCo diverges")
 
     def _hold_loose(self) -> None:
-        """Turn loose swivels to where those that they follow have them, by their own motors."""
+        """Let their motors turn swivels without a tie to the angles that they should follow."""
         leaders = {swivel.joint: self.joint(swivel.joint) for swivel in self.robot.drive.steered}
         at = {name: position for name, (position, _) in leaders.items()}
         places, slopes = follower_slopes(self.robot.drive, at)
@@ -128,7 +128,7 @@ class _TrialBody(MujocoBody):
 
 
 def settle(robot: Robot, model: Any, root: str) -> tuple[Array, Array]:
-    """Return how a robot stands at its home posture, settled in its contacts.
+    """Let a robot settle into its contacts at its home posture.
 
     Returns:
         ``qpos`` (nq,), and the controls (n_act,) that hold it, N·m or N.
@@ -144,11 +144,11 @@ def settle(robot: Robot, model: Any, root: str) -> tuple[Array, Array]:
 
 
 def run_on_ground(robot: Robot, model: Any, root: str) -> GroundTrial:
-    """Let an exported model stand and roll, from its home, and compare it with the reduced model.
+    """Let an exported model stand at home and roll; compare it with the reduced model.
 
     Raises:
         DivergedError: MuJoCo's motion diverges.
-        RpctlError: The file has no home.
+        RpctlError: The file has no keyframe of the home posture.
     """
     dynamics = ReducedDynamics(robot)
     plan = _plan(dynamics)
@@ -171,7 +171,7 @@ def run_on_ground(robot: Robot, model: Any, root: str) -> GroundTrial:
 
 
 def _crowned(model: Any, robot: Robot) -> tuple[Any, bool]:
-    """Return the model with wheels that touch at one point, and whether others were so replaced."""
+    """Return the model with wheels that touch at one point, and whether any were replaced."""
     mujoco = mujoco_library()
     kinds = mujoco.mjtGeom
     wide = [
@@ -191,7 +191,7 @@ def _crowned(model: Any, robot: Robot) -> tuple[Any, bool]:
 
 
 def _plan(dynamics: ReducedDynamics) -> ContactPlan | Skipped:
-    """Return the motion to make, or the row that says why there is none."""
+    """Return the plan of the motion, or the row that says why there is none."""
     try:
         return plan_motion(dynamics, standing_contacts(dynamics))
     except (NotGentle, ActuationError, SingularBasisError) as reason:
@@ -204,13 +204,13 @@ def _at_rest(dynamics: ReducedDynamics) -> ContactPlan:
 
 
 def _stand(body: _TrialBody, rest: ContactPlan, duration: float) -> None:
-    """Let it stand for a while (s)."""
+    """Let the robot stand for a time (s)."""
     for _ in range(round(duration / TICK_S)):
         rest.drive(body, 0)
 
 
 def _standing_rows(first: Array, last: Array) -> list[Gap]:
-    """Return the rows of a robot that is left alone for a second: it neither moves nor leans."""
+    """Return the rows of a robot at rest for a second: it neither moves nor leans."""
     moved = np.array([[np.linalg.norm((last - first)[[0, 1, 3]])]])
     turn = math.remainder(last[2] - first[2], 2.0 * math.pi)
     turned = np.array([[max(abs(turn), abs(last[4] - first[4]))]])
@@ -221,7 +221,7 @@ def _standing_rows(first: Array, last: Array) -> list[Gap]:
 
 
 def _motion_rows(dynamics: ReducedDynamics, body: _TrialBody, plan: ContactPlan) -> list[Gap]:
-    """Return the rows of the gentle motion, from where the robot stands."""
+    """Return the rows of the gentle motion, which starts where the robot stands."""
     model, poses, apart = ReducedRobot(dynamics, plan.q[0]), [body.planar], [np.zeros(2)]
     write_root(model.q, *poses[0])
     places, _ = body.measured(plan.names)

@@ -1,7 +1,7 @@
 """A URDF in MuJoCo as a user loads it: ``MjSpec.from_string``, a free joint, a plane, defaults.
 
-What no user can avoid is done as users do it: meshes that MuJoCo cannot read become the convex
-hulls that it would make of them, and what its compiler refuses is set as its message says.
+What every user must change is changed: convex hulls replace meshes that MuJoCo cannot read, and
+settings without which its compiler refuses the model are set as its message says.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from rpctl.robot.model import Robot
 PREFIX = "rpctl/"  # before the names of links: MuJoCo has a body called "world"
 GROUND = "rpctl ground"
 DIALECT = Dialect("MuJoCo", meshes=(), crowned="")
-LEAST_MASS, LEAST_INERTIA = 1e-6, 1e-9  # boundmass and boundinertia, once MuJoCo asks for them
+LEAST_MASS, LEAST_INERTIA = 1e-6, 1e-9  # boundmass and boundinertia, if MuJoCo asks for them
 
 
 def load_as_user(robot: Robot) -> tuple[Any, tuple[str, ...]]:
-    """Return the ``MjSpec`` of a robot as MuJoCo takes its file, and what was done to the file.
+    """Return the ``MjSpec`` of a robot as MuJoCo reads its file, and sentences on what was changed.
 
-    The root link is free, and there is a ground. Bodies are named :data:`PREFIX` + link, geoms
-    :data:`PREFIX` + :func:`rpctl.engines.edited_urdf.collision_name`; fixed links are fused when it
-    is compiled.
+    A free joint and a ground are added. Bodies are named :data:`PREFIX` + link, geoms
+    :data:`PREFIX` + :func:`rpctl.engines.edited_urdf.collision_name`; the compiler fuses fixed
+    links.
 
     Args:
         robot: The robot: links, joints and shapes of its file; locked joints are fixed.
@@ -53,10 +53,10 @@ def load_as_user(robot: Robot) -> tuple[Any, tuple[str, ...]]:
 
 
 def compiled(spec: Any) -> tuple[Any, tuple[str, ...]]:
-    """Return the ``MjModel`` of a spec, and what MuJoCo's compiler had to be told.
+    """Return the ``MjModel`` of a spec, and sentences on the settings that its compiler needed.
 
     Raises:
-        EngineFault: It refuses the robot all the same.
+        EngineFault: MuJoCo refuses the robot nevertheless.
     """
     try:
         return spec.compile(), ()
@@ -67,7 +67,7 @@ def compiled(spec: Any) -> tuple[Any, tuple[str, ...]]:
 
 
 def _told(spec: Any, reason: str) -> str:
-    """Tell the compiler what its refusal asks for, and return that."""
+    """Set the compiler's option that its refusal asks for; return a sentence on it."""
     compiler = spec.compiler
     if "balanceinertia" in reason and not compiler.balanceinertia:
         compiler.balanceinertia = True
@@ -77,7 +77,7 @@ def _told(spec: Any, reason: str) -> str:
         bounds = f'boundmass="{LEAST_MASS:g}" boundinertia="{LEAST_INERTIA:g}"'
         return f"it refuses links without mass unless <compiler {bounds}/>"
     if "positive eigenvalues" in reason and _made_ball(spec, reason):
-        return f"it refuses the inertia of {_named(reason)}, which becomes a ball's of its trace"
+        return f"it refuses the inertia of {_named(reason)}; that of a ball with its trace is used"
     raise EngineFault(f"MuJoCo rejects it: {reason}")
 
 
@@ -97,9 +97,9 @@ def _made_ball(spec: Any, reason: str) -> bool:
 
 
 def _urdf(robot: Robot) -> tuple[str, Mapping[str, bytes], tuple[str, ...]]:
-    """Return the file without what it draws, its meshes as files of hulls, and what was done.
+    """Return the URDF without visuals, the hulls of its meshes as files, and sentences on changes.
 
-    An axis that the file leaves out is URDF's, (1, 0, 0): MuJoCo has another.
+    A missing axis is set to URDF's default (1, 0, 0): MuJoCo has another default.
     """
     assets: dict[str, bytes] = {}
 

@@ -1,4 +1,4 @@
-"""``MujocoWorld``: a robot that moves in MuJoCo, and what can be read of it."""
+"""``MujocoWorld``: a robot that moves in MuJoCo, and its measured state."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from rpctl.equivalence.contact.mujoco_body import MujocoBody, add_tie, mujoco_li
 from rpctl.errors import DivergedError, RpctlError, require_positive
 from rpctl.robot.model import Robot
 
-HELD = 1e6  # kg·m² or kg: armature of joints that are held while the robot sinks into its contacts
-SETTLING_S = 2.0  # s that it may take to come to rest
-AT_REST = 1e-6  # m/s and rad/s: slower is at rest
-STEP_ROUNDING = 1e-9  # of a step: a stretch that much longer takes no further one
+HELD = 1e6  # kg·m² or kg: armature of joints that are held while the robot settles
+SETTLING_S = 2.0  # s: longest time to come to rest
+AT_REST = 1e-6  # m/s and rad/s: a slower robot counts as at rest
+STEP_ROUNDING = 1e-9  # of a step: an interval that is longer by less takes no further step
 
 
 class MujocoWorld(MujocoBody):
     """A robot in MuJoCo, and its state.
 
-    After each call positions, velocities and contacts are those of the present instant.
+    After each call positions, velocities and contacts are up to date.
     """
 
     def __init__(self, robot: Robot, built: Built) -> None:
@@ -42,20 +42,20 @@ class MujocoWorld(MujocoBody):
         self._settled: Array | None = None
 
     def place(self, q: Array, height: float) -> None:
-        """Put the robot at q (nq,), at rest, its root link level at a ``height`` (m)."""
+        """Set the robot to q (nq,), at rest, with its root link level at a ``height`` (m)."""
         self.put(q, height)
         self.mujoco.mj_step1(self.mjm, self.data)
         if self._tied:
             self.tie()
 
     def _held(self) -> Array:
-        """Return what is held while the robot settles, 1 or 0 of each coordinate (nv,): joints."""
+        """Return 1 for the coordinates (nv,) that are held while the robot settles, else 0."""
         held = np.ones(self.mjm.nv)
         held[self.root_rate] = 0.0
         return held
 
     def settle(self) -> None:
-        """Let the robot sink into its contacts, all joints held."""
+        """Let the robot settle into its contacts, with all joints held."""
         model, data = self.mjm, self.data
         armature, flags = model.dof_armature.copy(), int(model.opt.disableflags)
         off = self.mujoco.mjtDisableBit
@@ -75,7 +75,7 @@ class MujocoWorld(MujocoBody):
         self.mujoco.mj_step1(model, data)
 
     def _return(self, q: Array) -> None:
-        """Put the robot back to where it stood at q (nq,) seen from above, joints included."""
+        """Move the robot back to its planar pose and joint positions at q (nq,)."""
         data, now = self.data, self.q
         turn = math.atan2(q[3] * now[2] - q[2] * now[3], q[2] * now[2] + q[3] * now[3])
         turned = np.zeros(4)
@@ -85,14 +85,14 @@ class MujocoWorld(MujocoBody):
         self.set_joints(q)
 
     def run(self, tau: Array, dt: float) -> float:
-        """Advance under constant efforts for ``dt`` (s); return their work, J.
+        """Simulate under constant efforts for ``dt`` (s); return their work, J.
 
         Args:
             tau: Actuator efforts (n_act,), N·m or N; the motors saturate at their limits.
-            dt: For how long: it is divided into equal steps.
+            dt: Duration, s, divided into equal steps.
 
         Raises:
-            DivergedError: The state left the finite numbers.
+            DivergedError: The state is no longer finite.
         """
         data = self.data
         steps = max(1, math.ceil(dt / self._timestep - STEP_ROUNDING))
@@ -104,18 +104,18 @@ class MujocoWorld(MujocoBody):
 
     @property
     def places(self) -> Array:
-        """Where the actuators' joints are (n_act,), rad or m."""
+        """Positions of the actuators' joints (n_act,), rad or m."""
         return np.array(self.data.qpos[self.mjm.jnt_qposadr[self._motors]])
 
     def serve(self, stiffness: Array, damping: Array) -> None:
-        """Give the joints servos in the place of motors, with the motors' limits.
+        """Replace motors by servos with the motors' limits.
 
-        From then on :meth:`run` takes where they are to be (n_act,), rad or m; efforts of those
-        that stay motors.
+        From then on :meth:`run` takes the desired positions of these joints, rad or m, and the
+        efforts of those that keep motors.
 
         Args:
-            stiffness: Of each actuator (n_act,), N·m/rad or N/m; 0 and no damping of a motor.
-            damping: Likewise, N·m s/rad or N s/m.
+            stiffness: Stiffness of each servo (n_act,), N·m/rad or N/m; 0 keeps the motor.
+            damping: Damping of each servo (n_act,), N·m·s/rad or N·s/m.
         """
         model, limits = self.mjm, self.robot.effort_limits
         model.actuator_ctrllimited[:], model.actuator_forcelimited[:] = 0, np.isfinite(limits)
@@ -129,8 +129,8 @@ class MujocoWorld(MujocoBody):
 
         Args:
             link: The link.
-            force: At its origin (3,), world, N.
-            moment: (3,), world, N·m.
+            force: Force at the link's origin (3,), N, world axes.
+            moment: Moment (3,), N·m, world axes.
         """
         body, _ = self._place_of(link)
         self.push_body(body, self.origin(link), np.asarray(force), np.asarray(moment))
@@ -140,20 +140,20 @@ class MujocoWorld(MujocoBody):
         self.data.xfrc_applied[:] = 0.0
 
     def origin(self, link: str) -> Array:
-        """Return where a link's origin is (3,), world, m."""
+        """Return the position of a link's origin (3,) in the world, m."""
         body, site = self._place_of(link)
         return np.array(self.data.xpos[body] if site < 0 else self.data.site_xpos[site])
 
     def velocity(self, link: str) -> Array:
-        """Return the velocity (6,) of a link: of its origin (m/s), then angular (rad/s); world."""
+        """Return the velocity (6,) of a link's origin (m/s), then ω (rad/s), in world axes."""
         (body, site), kinds = self._place_of(link), self.mujoco.mjtObj
         return (
             self.twist(kinds.mjOBJ_XBODY, body) if site < 0 else self.twist(kinds.mjOBJ_SITE, site)
         )
 
     def loads(self) -> Array:
-        """Return the load of each contact (n,), N, under the efforts and pushes that act now."""
-        if self._settled is not None:  # efforts that hold the joints are not known yet
+        """Return the load of each contact (n,), N, under the present efforts and pushes."""
+        if self._settled is not None:  # the efforts that hold the joints are not known yet
             return self._settled.copy()
         self.mujoco.mj_fwdActuation(self.mjm, self.data)
         self.mujoco.mj_fwdAcceleration(self.mjm, self.data)
@@ -161,7 +161,7 @@ class MujocoWorld(MujocoBody):
         return super().loads()
 
     def slips(self) -> Array:
-        """Return the velocity of each wheel's lowest point (n_wheels, 2): along it, to its left."""
+        """Return the velocity of each wheel's lowest point (n_wheels, 2), m/s: forward, left."""
         return wheel_slips(self.robot, self._motion)
 
     def _motion(self, link: str) -> LinkMotion:
@@ -170,7 +170,7 @@ class MujocoWorld(MujocoBody):
 
     def _step(self, steps: int) -> None:
         with muted():
-            at_once = 1 if self.rods else steps  # rods pull anew in each step
+            at_once = 1 if self.rods else steps  # the rods' forces are computed in each step
             for _ in range(steps // at_once):
                 self.data.qfrc_applied[:] = 0.0
                 self.pull_rods()
@@ -185,7 +185,7 @@ class MujocoWorld(MujocoBody):
             )
 
     def _place_of(self, link: str) -> tuple[int, int]:
-        """Return a link's body, and its site or -1 where its frame is the body's."""
+        """Return a link's body, and its site, or -1 if its frame is the body's."""
         if link not in self._links:
             site = int(self.mujoco.mj_name2id(self.mjm, self.mujoco.mjtObj.mjOBJ_SITE, link))
             fixed = site >= 0
@@ -196,8 +196,8 @@ class MujocoWorld(MujocoBody):
 
 TIE_STEPS = 4.0  # timesteps: time constant of a tie
 TIE_SOLIMP = (0.99, 0.999, 1e-3, 0.5, 2.0)
-DEGREE = 4  # of MuJoCo's polynomial
-FIT = 2e-3  # rad: largest error of a polynomial that stands for a tie rod
+DEGREE = 4  # of MuJoCo's polynomials
+FIT = 2e-3  # rad: largest error of a polynomial that replaces a tie rod
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,10 +211,10 @@ class Built:
         contacts: Names of the contacts: the wheels' joints, then the supports, as
             ``Contacts.names``.
         geoms: Name of the contact of each geom that meets the ground, by the geom's name.
-        followers: Swivels that no equality ties: whoever steps the robot pulls them by rods.
-        notes: What was assumed, in sentences.
-        repairs: What of the file was mended, in sentences.
-        heights: Of the ground; None: it is the plane z = 0.
+        followers: Swivels that no equality ties; the caller applies the forces of tie rods.
+        notes: Sentences on what was assumed.
+        repairs: Sentences on what was changed in the file.
+        heights: Heights of the ground; None: the plane z = 0.
     """
 
     spec: Any
@@ -241,12 +241,12 @@ class Built:
 def build(robot: Robot, settings: ContactSettings, friction: float) -> Built:
     """Return a robot in MuJoCo.
 
-    Masses and inertias are those of its model, radii and centres of wheels those of its drive, so
-    that a robot that was varied, or carries a load, is simulated as such.
+    Masses and inertias come from the robot's model, radii and centres of wheels from its drive, so
+    that variations and payloads are simulated.
 
     Raises:
         EngineMissing: MuJoCo is not installed.
-        RpctlError: A number is none that it can take.
+        RpctlError: MuJoCo cannot use a number of the robot.
         InputError: The heights of the ground cannot be read.
     """
     require_positive("friction", friction)
@@ -271,7 +271,10 @@ def build(robot: Robot, settings: ContactSettings, friction: float) -> Built:
     followers = tuple(s.joint for s in robot.drive.followers if s.joint not in polynomials)
     if polynomials:
         turned = ", ".join(polynomials)
-        notes = [*notes, f"a tie rod, as a polynomial of degree {DEGREE}, turns {turned}"]
+        notes = [
+            *notes,
+            f"a polynomial of degree {DEGREE} replaces the tie rod that turns {turned}",
+        ]
     ground.even()
     contacts = tuple(dict.fromkeys(ground.owners.values()))
     return Built(spec, contacts, ground.owners, followers, tuple(notes), repairs, heights)
@@ -306,10 +309,10 @@ def _add_ground(spec: Any, friction: float, heights: Heights | None) -> None:
 
 
 def tie_polynomials(robot: Robot) -> dict[str, tuple[float, ...]]:
-    """Return, by the joint of each swivel that follows a single one, its angle's coefficients (5,).
+    """Return, by joint, the coefficients (5,) of the angle of each swivel that follows one other.
 
-    They are of a polynomial of the leader's angle, MuJoCo's ``polycoef``; none, where one of them
-    is no such polynomial.
+    They belong to a polynomial in the leader's angle, MuJoCo's ``polycoef``; the result is empty if
+    a follower's angle is not such a polynomial.
     """
     if len(robot.drive.steered) != 1:
         return {}

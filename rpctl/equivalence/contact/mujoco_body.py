@@ -20,16 +20,22 @@ from rpctl.arrays import Array
 from rpctl.drive.drive import Drive, Wheel
 from rpctl.drive.steering import follower_positions
 from rpctl.errors import EngineMissing, RpctlError
+from rpctl.libraries import install_command
 from rpctl.robot.coordinates import write_root
 from rpctl.robot.model import BASE_NV, Robot
 
-ABSENT = "MuJoCo is not installed; pip install 'rpctl[mujoco]', with Python 3.11 or later"
 BAD = ("QPOS", "QVEL", "QACC", "CTRL")  # MuJoCo's warnings of what leaves the finite numbers
 DIFFERENCE_STEP = 1e-6  # rad, of a difference quotient
 ROLLER_FRICTION = 1e-5  # along which a roller runs, or a ball slides: the least MuJoCo takes
 TIE_ROD_BANDWIDTH = 300.0  # rad/s: as hard as small steps allow
 STABLE = 0.2  # bandwidth times the step at which a spring that is pulled once a step stays stable
 UP = np.array([0.0, 0.0, 1.0])
+
+
+def mujoco_absence() -> str:
+    """Return the sentence that says that MuJoCo is missing, and how to install it."""
+    command = install_command("mujoco")
+    return f"MuJoCo is not installed; run {command}, with Python 3.11 or later"
 
 
 def mujoco_library() -> Any:
@@ -41,7 +47,7 @@ def mujoco_library() -> Any:
     try:
         return import_module("mujoco")
     except ImportError:
-        raise EngineMissing(ABSENT) from None
+        raise EngineMissing(mujoco_absence()) from None
 
 
 def quaternion(pose: Array) -> Array:

@@ -112,27 +112,33 @@ def track(
     watch: Callable[[float, Array, ReferenceState], object] | None = None,
     **settings: Unpack[TrackSettings],
 ) -> Run:
-    """Simulate a robot that tracks a reference, from rest; return what was logged.
+    """Simulate a robot that tracks a reference, from rest; return the logged run.
 
     Args:
         robot: The robot.
         reference: A reference, the name of one (``line``, ``reverse``, ``spin``, ``circle``,
             ``eight``, ``waypoints``, ``ee-square``), or a file (CSV, TOML); None: the config's.
-        config: Laws, plant and circumstances, or the path of their TOML; None: the robot's
-            default.
-        watch: Called with the time (s), q (nq,) and the reference at every sample.
-        **settings: Names of :class:`Config` and of its ``run``, which win over the config:
+        config: Laws, plant and settings of the run, or the path of their TOML file; None: the
+            robot's defaults.
+        watch: Called at every sample with the time (s), q (nq,) and the
+            :class:`ReferenceState`.
+        **settings: Fields of :class:`Config` and of its ``run``, which take precedence over
+            ``config``:
             ``duration=20``, ``initial_error=(0.1, 0, 0)``, ``kinematic="horizon"`` (or
             ``rpctl.Horizon(steps=10)``),
             ``plant="slipping"`` (or ``"perturbed"``, ``"contact"``, a :class:`Plant`, a simulator
-            of one's own), ``output="velocity"``. Besides, ``name`` is what the log calls the
-            reference, a ``certificate`` is kept, ``progress`` is called with the samples done and
-            their total, and ``collisions=False`` looks for none. A ``backend`` closes the loop:
-            ``"compiled"`` as machine code, ``"pinocchio"`` in Python, ``"auto"`` the quicker one;
-            their numbers agree to rounding.
+            of the user), ``output="velocity"``. Further settings: ``name`` of the reference in the
+            log, a ``certificate`` to store, ``progress``, which is called with the number of
+            finished samples and their total, ``collisions=False`` to skip the check for
+            collisions, and the ``backend`` of the loop: ``"compiled"`` machine code,
+            ``"pinocchio"`` in Python, or ``"auto"``, the faster one; they agree to rounding.
+
+    Returns:
+        The run: samples, outcome and summary.
 
     Raises:
-        DivergedError: The motion left the finite numbers.
+        DivergedError: The motion is no longer finite.
+        UnknownNameError: A setting, a law, a plant or a reference is not known.
         RpctlError: A setting is out of range, the reference does not fit the robot, or a motor
             cannot hold its joint there.
     """

@@ -112,41 +112,42 @@ class Summary:
     """The figures of merit of a run; ``settled`` figures are the largest over its second half.
 
     Attributes:
-        outcome: What became of the run, in a word of :mod:`rpctl.simulation.merits.outcome`.
-        outcome_sentence: Why, in words.
+        outcome: The outcome in one word of :mod:`rpctl.simulation.merits.outcome`.
+        outcome_sentence: The reason, in one sentence.
         nominal: Whether the simulated robot is the controller's model and nothing disturbs it.
-        duration: Time simulated, s.
+        duration: Simulated time, s.
         rms_base_error: Root mean square of P's distance from its reference, m.
         final_base_error: That distance at the end, m.
         settled_base_error: Its largest over the second half, m.
         final_lateral_error: Its lateral part at the end, m.
-        base_path: How far P was from its reference's path, and how far behind on it.
-        joint_errors: Of each joint of the arm.
+        base_path: Distance of P from the path of its reference, and how far behind it was on it.
+        joint_errors: Errors of each joint of the arm.
         rms_end_effector_error: Root mean square of the end effector's distance from its
-            reference, m; None for a robot without an arm, as are the three that follow.
+            reference, m; None for a robot without an arm, like the next three.
         final_end_effector_error: That distance at the end, m.
         settled_end_effector_error: Its largest over the second half, m.
-        end_effector_path: How far it was from its reference's path, and how far behind on it.
-        efforts: Of each actuator.
-        max_effort_ratio: Largest effort over its limit; None without effort limits.
-        max_effort_joint: The actuator whose ratio that is.
-        limits_violated: Every limit of the URDF that was broken.
-        limits_bound: Every limit that the dynamic law had to heed.
-        ground: What the ground does.
-        kinematic_report: What the kinematic law counts, by name; empty for one that counts nothing.
-        work: What the actuators did in all, J.
-        lost: What damping, friction and stops of the joints took, J.
-        energy_residual: Largest gap between energy and work less losses, relative to the work's
-            swing.
+        end_effector_path: Distance of the end effector from the path of its reference, and how far
+            behind it was on it.
+        efforts: Largest effort of each actuator.
+        max_effort_ratio: Largest ratio of an effort to its limit; None without effort limits.
+        max_effort_joint: The actuator with this ratio.
+        limits_violated: The limits of the URDF that were violated.
+        limits_bound: The limits that bound the dynamic law.
+        ground: Figures of the ground's forces.
+        kinematic_report: Counts and figures of the kinematic law, by name; may be empty.
+        work: Work of the actuators, J.
+        lost: Energy that damping, friction and stops of the joints dissipated, J.
+        energy_residual: Largest difference of the energy and the work minus losses, relative to the
+            range of the work.
         constraint_residual: Largest entry of |A v|; m/s, rad/s.
-        wall_time: What the simulation took, s.
-        realtime_factor: Time simulated per time taken.
-        sizing: How large and fast the named reference is, and why; None of others.
-        recording: What became of the rows of its table, and what they ask beyond the limits.
-        log_every: One sample of so many was logged, and so seen by these figures.
-        clearances: How near its links came to the ground, to each obstacle, and to each other.
-        collisions: What its links ran into, the deepest first.
-        collision_notes: Which links may touch, and what stands in for what, in sentences.
+        wall_time: Duration of the simulation, s.
+        realtime_factor: Simulated time over ``wall_time``.
+        sizing: Size and speed of a named reference, with reasons; None for other references.
+        recording: How the rows of a recorded reference were changed, and where they exceed limits.
+        log_every: Every Nth sample was logged and enters these figures; this is N.
+        clearances: Smallest distances of the links to the ground, to obstacles and to each other.
+        collisions: Collisions of the links, the deepest first.
+        collision_notes: Sentences on links that may touch, and on shapes that replace others.
     """
 
     outcome: str
@@ -195,7 +196,7 @@ class Summary:
 
     @property
     def energy_sentence(self) -> str | None:
-        """What became of the actuators' work, in words; None where nothing was lost."""
+        """A sentence on the actuators' work and its losses; None without losses."""
         if not self.lost:
             return None
         return (
@@ -204,7 +205,7 @@ class Summary:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the figures as JSON says them: flat, those of the ground among the others."""
+        """Return the figures as plain values for JSON, in one level, with the ground's."""
         found: dict[str, Any] = {}
         for name, value in asdict(self).items():
             if name == "ground":
@@ -221,7 +222,11 @@ class Summary:
 
 
 def summarize(run: Run) -> Summary:
-    """Return the figures of merit of a run."""
+    """Return the figures of merit of a run.
+
+    Args:
+        run: The run.
+    """
     log, bodies = run.log, run.collisions or NO_COLLISIONS
     points = trace_points(run.t, log.base, log.base_ref, log.ee, log.ee_ref)
     name, sentence = outcome(run.t, points, run_obstacles(run), bodies, impossible(run))

@@ -201,10 +201,10 @@ class Plant(Variation):
             )
 
     def velocity_interface(self, output: VelocityOutput) -> VelocityOutput:
-        """Return how the simulated robot follows speeds.
+        """Return lag and dead time with which the simulated robot follows speeds.
 
         Args:
-            output: How the controller knows it, with what its groups say on the robot.
+            output: The output as the controller knows it, with the settings of its groups.
         """
         lag, dead = self.lag, self.dead_time
         return replace(
@@ -216,19 +216,22 @@ class Plant(Variation):
         )
 
     def bias(self, robot: Robot) -> Array:
-        """Return the efforts (n_act,) that push besides the controller's.
+        """Return the constant efforts (n_act,), N·m or N, that act besides the controller's.
+
+        Args:
+            robot: The robot.
 
         Raises:
-            UnknownNameError: One is of no actuator.
+            UnknownNameError: A pattern matches no actuator.
         """
         found = by_pattern(self.tau_bias, robot.actuators, "actuator")
         return np.array([found.get(name, 0.0) for name in robot.actuators])
 
     def saturation(self, robot: Robot) -> Array:
-        """Return the efforts (n_act,) beyond which the true actuators have none, N·m or N.
+        """Return the efforts (n_act,), N·m or N, at which the true actuators saturate.
 
-        An effort scale of 1 leaves commands as they are, even beyond the limits of the robot's
-        file: there the summary of a run tells what was exceeded.
+        With an effort scale of 1 they are infinite: commands act even beyond the limits of the
+        robot's file, and the summary of a run reports the excess.
 
         Args:
             robot: The robot, with the limits that its controller knows.
@@ -240,24 +243,24 @@ class Plant(Variation):
         """Return the dynamics of the simulated robot.
 
         Args:
-            dynamics: Those of the robot that varies.
+            dynamics: The dynamics of the robot as its controller knows it.
 
         Raises:
-            UnknownNameError: Something that varies is of no link, joint, wheel or actuator.
-            RpctlError: A wheel would not reach the ground, or there would be no dynamics.
+            UnknownNameError: A pattern matches no link, joint, wheel or actuator.
+            RpctlError: A wheel would not reach the ground, or the inertia would not be physical.
         """
         robot = self.simulated_robot(dynamics.robot)
         return dynamics if robot is dynamics.robot else ReducedDynamics(robot)
 
     def simulated_robot(self, robot: Robot) -> Robot:
-        """Return the robot that is simulated, which the controller takes for another.
+        """Return the simulated robot, which differs from the one that its controller knows.
 
         Args:
-            robot: The one that varies; itself where nothing does.
+            robot: The robot as its controller knows it; returned itself if nothing differs.
 
         Raises:
-            UnknownNameError: Something that varies is of no link, joint, wheel or actuator.
-            RpctlError: A wheel would not reach the ground, or there would be no dynamics.
+            UnknownNameError: A pattern matches no link, joint, wheel or actuator.
+            RpctlError: A wheel would not reach the ground, or the inertia would not be physical.
         """
         for each in self.wrenches:
             if not robot.model.existBodyName(each.link):
@@ -265,10 +268,10 @@ class Plant(Variation):
         return vary(robot, self)
 
     def known_dynamics(self, dynamics: ReducedDynamics) -> ReducedDynamics:
-        """Return the dynamics that the controller computes with.
+        """Return the dynamics of the controller's model.
 
         Args:
-            dynamics: Of the simulated robot, without what the plant adds.
+            dynamics: The dynamics of the simulated robot, without the plant's differences.
 
         Raises:
             RpctlError: The controller's model has other coordinates than the simulated robot.
@@ -277,10 +280,10 @@ class Plant(Variation):
         return dynamics if robot is dynamics.robot else ReducedDynamics(robot)
 
     def known_robot(self, robot: Robot) -> Robot:
-        """Return the robot that the controller computes with.
+        """Return the controller's model.
 
         Args:
-            robot: The simulated robot.
+            robot: The simulated robot, without the plant's differences.
 
         Raises:
             RpctlError: The controller's model has other coordinates than the simulated robot.
@@ -297,7 +300,11 @@ class Plant(Variation):
         return model
 
     def arrives(self, samples: int) -> NDArray[np.bool_]:
-        """Return of each sample (samples,) whether it reaches the controller."""
+        """Return whether each sample (samples,) reaches the controller.
+
+        Args:
+            samples: Number of samples.
+        """
         arrives = np.random.default_rng(self.seed).random(samples) >= self.dropped
         arrives[:1] = True
         return np.asarray(arrives)

@@ -1,13 +1,13 @@
-"""The protocol of a plant: what a controller drives, whoever simulates it.
+"""The protocol of a plant: what a controller drives, with any simulator.
 
-A model starts a robot, and what runs then takes commands and returns measurements::
+A model starts a robot; the running plant takes commands and returns measurements::
 
     plant = model.start(robot, rest)
     t, q, nu = plant.step(command, dt)
 
-Whoever has a simulator of his own gives such a model to :func:`rpctl.track`.
+A user with another simulator gives such a model to :func:`rpctl.track`.
 
-What moves a robot under efforts that hold for a while, however its wheels meet the ground.
+:class:`Motion` is the protocol of a robot that moves under efforts which are held for a while.
 """
 
 from __future__ import annotations
@@ -80,12 +80,13 @@ class Motion(Protocol):
 
 
 class PlantSample(NamedTuple):
-    """What is measured of a plant.
+    """A measurement of a plant.
 
     Attributes:
-        t: When, s.
-        q: Configuration (nq,), seen from above; :meth:`Robot.state` makes it of named readings.
-        nu: Quasi-velocities (dof,).
+        t: Time of the measurement, s.
+        q: Configuration (nq,), with the planar pose of the root link; :meth:`Robot.state` makes it
+            from named readings.
+        nu: Quasi-velocities (dof,), m/s or rad/s.
     """
 
     t: float
@@ -94,28 +95,31 @@ class PlantSample(NamedTuple):
 
 
 class RunningPlant(Protocol):
-    """A robot that runs."""
+    """A robot that runs in a simulator."""
 
     def step(self, command: ControllerOutput, dt: float) -> PlantSample:
-        """Advance the robot; return what is measured of it then.
+        """Simulate the robot for ``dt``; return the measurement at the end.
 
         Args:
-            command: What the controller sends; it holds until the next.
-            dt: For how long, s.
+            command: The controller's output, held for ``dt``.
+            dt: Duration, s.
 
         Raises:
-            DivergedError: The state left the finite numbers.
+            DivergedError: The state is no longer finite.
         """
 
 
 @runtime_checkable
 class PlantModel(Protocol):
-    """What starts a robot: a simulator of the user's."""
+    """A simulator of the user: it starts a robot."""
 
     def start(self, robot: Robot, rest: Rest) -> RunningPlant:
-        """Put a robot where a run begins.
+        """Return the robot at the start of a run.
 
         Args:
             robot: The robot.
-            rest: Where it stands at t = 0, and the efforts that hold it there in the model.
+            rest: The state at t = 0, and the efforts that hold the robot there in the model.
+
+        Returns:
+            The running plant, whose ``step(command, dt)`` returns a :class:`PlantSample`.
         """

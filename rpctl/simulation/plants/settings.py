@@ -16,14 +16,17 @@ MAX_BITS = 32  # of an encoder
 
 @dataclass(frozen=True)
 class Wrench:
-    """A force and a moment that act on a link for a while.
+    """An external force and moment on a link.
 
     Attributes:
-        link: The link.
-        force: At the origin of its frame (3,), world axes, N.
-        moment: (3,), world axes, N·m.
-        start: When they begin, s.
-        end: When they end, s; None: not before the run.
+        link: Name of the link.
+        force: Force at the origin of the link's frame (3,), N, along the world's axes.
+        moment: Moment (3,), N·m, along the world's axes.
+        start: Time at which they begin, s.
+        end: Time at which they end, s; None: at the end of the run.
+
+    Raises:
+        RpctlError: A number is not finite, ``start`` is negative, or ``end`` is not after it.
     """
 
     link: str
@@ -44,12 +47,12 @@ class Wrench:
             )
 
     def acts(self, t: float) -> bool:
-        """Return whether they act at a time (s)."""
+        """Return whether force and moment act at a time (s)."""
         return self.start - TIME_ROUNDING <= t < self.until - TIME_ROUNDING
 
     @property
     def until(self) -> float:
-        """When they end, s; infinite if that is not before the run."""
+        """Time at which they end, s; infinite if ``end`` is None."""
         return math.inf if self.end is None else self.end
 
 
@@ -102,7 +105,7 @@ class SensorBias(SensorNumbers):
 
 @dataclass(frozen=True)
 class Noise(SensorNumbers):
-    """Standard deviations of what the controller measures. Samples are independent."""
+    """Standard deviations of the measurement noise, which is normal and independent."""
 
     of = "noise of "
 
@@ -116,7 +119,7 @@ class Noise(SensorNumbers):
 
 @dataclass(frozen=True)
 class Slipping(Record):
-    """How the tyres of a slipping robot grip; the table [plant.slipping]."""
+    """The tyres of the slipping plant; table [plant.slipping]."""
 
     slip_stiffness: Annotated[
         float,

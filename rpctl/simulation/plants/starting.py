@@ -189,18 +189,18 @@ def start_motion(dynamics: ReducedDynamics, config: Config, rest: Rest) -> Motio
 
 
 class SteppedPlant:
-    """A robot that runs, as :class:`~rpctl.simulation.plants.protocol.RunningPlant` has it.
+    """A simulated robot, a :class:`~rpctl.simulation.plants.protocol.RunningPlant`.
 
-    Dropped samples, jitter and computing time are those of a loop, and are left to it.
+    It simulates no dropped samples, jitter or computing time: these belong to the loop.
 
     Args:
         robot: The robot as its controller knows it.
-        config: Its plant, and the period by which delays count.
-        q: Where it starts (nq,), at rest.
+        config: The plant, and the control period in which delays are counted.
+        q: Configuration at the start (nq,), at rest.
 
     Attributes:
-        rest: Its start, and the efforts that hold it there.
-        sample: What was measured last.
+        rest: The state at the start, and the efforts that hold it.
+        sample: The last measurement.
     """
 
     def __init__(self, robot: Robot, config: Config, q: Array) -> None:
@@ -212,23 +212,23 @@ class SteppedPlant:
 
     @property
     def state(self) -> PlantState:
-        """The true state, which no controller sees."""
+        """The true state, without errors of sensors."""
         return self._interface.state
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed or mended so far, in sentences."""
+        """Sentences on what was assumed or changed so far."""
         return self._interface.notes
 
     def step(self, command: ControllerOutput, dt: float) -> PlantSample:
-        """Advance the robot; return what is measured of it then.
+        """Simulate the robot for ``dt``; return the measurement at the end.
 
         Args:
-            command: What the controller sends; it holds until the next.
-            dt: For how long, s.
+            command: The controller's output, held for ``dt``.
+            dt: Duration, s.
 
         Raises:
-            DivergedError: The state left the finite numbers.
+            DivergedError: The state is no longer finite.
         """
         self._interface.take(command)
         self._interface.advance(dt)
@@ -249,22 +249,25 @@ def start_plant(
     friction: float | None = None,
     period: float | None = None,
 ) -> SteppedPlant:
-    """Return a plant that runs, to be stepped by a controller of whatever kind.
+    """Return a simulated robot that any controller can step.
 
     Args:
         robot: The robot as its controller knows it.
-        plant: ``"ideal"``, ``"perturbed"``, ``"slipping"``, ``"contact"``, or its settings; None:
-            the config's, ``"contact"`` without one.
-        q: Where it starts (nq,), at rest; None: its home at the origin.
-        config: A configuration, or the path of its TOML: whether it is sent speeds, and what the
-            others leave to it.
-        friction: Coefficient between wheels and ground; 0.7 if not given.
-        period: Control period, s, by whole numbers of which commands are delayed; 2 ms if not
-            given.
+        plant: ``"ideal"``, ``"perturbed"``, ``"slipping"``, ``"contact"``, or the settings of a
+            plant; None: that of ``config``, or ``"contact"``.
+        q: Configuration at the start (nq,), at rest; None: the root link at the origin, all joints
+            at 0. A robot that leans is put into balance there.
+        config: A configuration, or the path of its TOML file: it says whether the robot takes
+            speeds, and has the settings that the other arguments leave out.
+        friction: Coefficient of friction between wheels and ground; default: 0.7.
+        period: Control period, s; delays are whole multiples of it; default: 2 ms.
+
+    Returns:
+        The plant; its ``step(command, dt)`` returns a :class:`PlantSample`.
 
     Raises:
         UnknownNameError: There is no such plant.
-        RpctlError: The robot cannot be simulated so, or what simulates it is not installed.
+        RpctlError: This plant cannot simulate the robot, or a package that it needs is missing.
     """
     told = as_config(config, robot).with_run(friction=friction, control_period=period)
     if plant is None and config is None:

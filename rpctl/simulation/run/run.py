@@ -36,14 +36,13 @@ from rpctl.simulation.run.table import columns, csv_blocks
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Run(Header):
-    """A logged motion of K samples, and all that it came from.
+    """A logged motion of K samples, with its robot and configuration.
 
     Attributes:
         log: The samples.
-        simulated: The robot itself, of a run that was simulated by this process; None of one that
-            was read. No file has it.
-        digest: SHA-256 digest of its file, which files made from it carry; None where none is
-            known.
+        simulated: The robot, if this process simulated the run; None for a run that was read. It is
+            not stored in files.
+        digest: SHA-256 digest of the run's file, which reports and exports carry; None: unknown.
     """
 
     log: Log
@@ -61,17 +60,17 @@ class Run(Header):
 
     @property
     def header(self) -> Header:
-        """What it is besides its samples."""
+        """Everything except the samples."""
         return Header(**{item.name: getattr(self, item.name) for item in fields(Header)})
 
     @cached_property
     def summary(self) -> Any:
-        """Its figures, a :class:`rpctl.Summary`."""
+        """The figures of merit, a :class:`rpctl.Summary`."""
         return library("rpctl.simulation.merits.summary").summarize(self)  # which takes runs
 
     @property
     def outcome(self) -> str:
-        """What became of it, in a word: ``tracked``, ``late``, ``diverging``, ..."""
+        """The outcome in one word: ``tracked``, ``late``, ``diverging``, ..."""
         return str(self.summary.outcome)
 
     @property
@@ -110,13 +109,13 @@ class Run(Header):
         return self.log.q_ref
 
     def save(self, path: str | Path, precision: str = "double") -> Path:
-        """Write the run to one file; it is there whole or not at all.
+        """Write the run to one file, atomically.
 
         Args:
-            path: The file; ``.npz`` is the custom. :mod:`rpctl.simulation.run.file` says how NumPy
-                reads it.
-            precision: ``"double"`` keeps every bit of places, and seven digits of rates and
-                efforts; ``"single"`` keeps seven digits of all but the time.
+            path: The file, usually ``.npz``. :mod:`rpctl.simulation.run.file` says how NumPy reads
+                it.
+            precision: ``"double"`` keeps all bits of positions, and seven digits of rates and
+                efforts; ``"single"`` keeps seven digits of everything except the time.
 
         Returns:
             The path.
@@ -127,7 +126,7 @@ class Run(Header):
         return write_run(path, self.header, self.log, precision)
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write the samples as CSV, a row a sample; the file is there whole or not at all.
+        """Write the samples as CSV, one row per sample, atomically.
 
         Args:
             path: The file.
@@ -141,7 +140,7 @@ class Run(Header):
         return Path(path)
 
     def to_pandas(self) -> Any:
-        """Return the samples as a ``pandas.DataFrame``, a row a sample, indexed by t (s).
+        """Return the samples as a ``pandas.DataFrame``, one row per sample, indexed by t (s).
 
         The columns are those of :func:`rpctl.simulation.run.table.columns`.
 
@@ -159,26 +158,26 @@ class Run(Header):
 
     @staticmethod
     def load(path: str | Path) -> Run:
-        """Read a run: its file, or the folder that the simulation left when it was stopped.
+        """Read a run from its file, or from the folder of a simulation that was stopped.
 
         Args:
-            path: A ``run.npz``, or a ``run.part``; the run of that says in a note when it ended.
+            path: A ``run.npz``, or a ``run.part``, whose run has a note that says when it ended.
 
         Raises:
-            RunFileError: The file is missing, is no run, is damaged, or has another schema.
+            RunFileError: The file is missing, is not a run, is damaged, or has another schema.
         """
         header, arrays = read_part(path) if is_folder(path) else read_run(path)
         return run_of(header, Log(arrays, header.bound_limits, _Derived(header, path)))
 
     def load_robot(self, package_dirs: Sequence[str | Path] = ()) -> Robot:
-        """Return the robot of this run: as it was simulated here, or as the file of a run holds it.
+        """Return the robot of the run: the simulated one, or the one in the run's file.
 
-        A run from a file is data that somebody else may have written. Its robot comes from the URDF
-        in it; see :func:`load_robot`.
+        A file may come from somebody else, so its robot is built from the URDF in it; see
+        :func:`load_robot`.
 
         Args:
-            package_dirs: Packages, or folders that hold packages: where meshes lie that are not
-                around the robot's file. The folders that the run names are not used.
+            package_dirs: Packages, or folders that contain packages, with meshes that are not
+                beside the robot's file. The folders that the run names are not used.
 
         Raises:
             RpctlError: The robot cannot be built.

@@ -103,7 +103,7 @@ function makeCharts(data, host, seek) {
 
     function chooser() {
       const choice = element("select");
-      choice.setAttribute("aria-label", `What ${chart.title} shows`);
+      choice.setAttribute("aria-label", `Quantity shown in ${chart.title}`);
       for (const each of chart.variants) choice.append(element("option", "", each.label));
       choice.addEventListener("change", () => {
         variant = chart.variants[choice.selectedIndex];
@@ -129,7 +129,7 @@ function makeCharts(data, host, seek) {
     function build() {
       const range = u && [u.scales.x.min, u.scales.x.max];
       if (u) u.destroy();
-      unit.textContent = variant.unit + (decades ? ", size" : "");
+      unit.textContent = variant.unit + (decades ? ", absolute value" : "");
       note.textContent = variant.note;
       values = variant.lines.map((line) => floats(line.values));
       edges = variant.lines.map((line) => line.band && line.band.map(floats));

@@ -26,15 +26,15 @@ function makeLive(data, page) {
     $("stop").hidden = !on;
   }
 
-  /* Ask the server for something; what it refuses is said. Returns whether it was granted. */
+  /* Send a request to the server, and show a refusal. Return whether it was granted. */
   async function post(path, value) {
     try {
       const answer = await fetch(path, { method: "POST", body: JSON.stringify(value),
         headers: { "Content-Type": "application/json" } });
-      if (!answer.ok) say(await answer.text() || `The server refused: ${answer.status}`, true);
+      if (!answer.ok) say(await answer.text() || `The server refused the request (status ${answer.status})`, true);
       return answer.ok;
     } catch {
-      say("The server cannot be reached: was rpctl stopped?", true);
+      say("The server does not answer: rpctl may have been stopped.", true);
       return false;
     }
   }
@@ -64,7 +64,7 @@ function makeLive(data, page) {
     on("end", ({ text, bad }) => { draw(); running(false); say(text, bad); finish(); });
     on("done", () => { source.close(); location.reload(); });
     source.addEventListener("error", () => {
-      if (duration !== null) say("Disconnected: the simulation has ended or was stopped. Trying to reach it again…");
+      if (duration !== null) say("Disconnected: the simulation has ended or was stopped. Reconnecting…");
     });
     const loop = () => { requestAnimationFrame(loop); draw(); };
     loop();

@@ -38,7 +38,7 @@
 
   function baseRows() {
     if (!data.reach) return [];
-    section("Base, pose of the root link");
+    section("Base (pose of the root link)");
     const [low, high] = data.reach;
     return ["x", "y", "heading"].map((name, i) => {
       const turns = i === 2, start = data.start[i];
@@ -50,7 +50,7 @@
   function jointRows() {
     const made = [];
     for (const [role, title] of [["arm", "Joints"], ["wheel", "Wheels"], ["other", "Other joints"],
-      ["mimic", "Joints that follow others"]]) {
+      ["mimic", "Mimic joints"]]) {
       const members = data.joints.map((joint, i) => [joint, i]).filter(([j]) => j.role === role);
       if (members.length) section(title, data.names.shared[role]);
       for (const [joint, i] of members) {
@@ -128,10 +128,10 @@
     if (!watching) remember();
   }
 
-  /* Set what a slider is called after: "x", "y", "heading" or a joint's name. */
+  /* Set the value of a slider: "x", "y", "heading" or a joint's name. */
   function set(name, value) {
     const found = rows.find((each) => each.name === name && each.set);
-    if (!found) throw new Error(`nothing that moves is called ${name}`);
+    if (!found) throw new Error(`no slider is named ${name}`);
     found.set(Math.min(Math.max(value, found.limits[0]), found.limits[1]));
     show();
   }

@@ -104,21 +104,21 @@ def write_report(
     summary: Summary | None = None,
     names: Sequence[str] | None = None,
 ) -> Path:
-    """Write the report of a run, or the comparison of several: one HTML file, whole or not at all.
+    """Write the report of a run, or the comparison of several, as one HTML file, atomically.
 
     Args:
-        run: The run; several are shown over one another, the first as it is, others as ghosts.
+        run: The run; of several runs the first is drawn solid, the others translucent.
         path: The file.
-        robot: The robot of a single run, where it is loaded already.
-        scene: The scene of a single run, where it is built already.
-        summary: The figures of merit of a single run; None computes them.
-        names: What several runs are called; None tells them apart by what differs.
+        robot: The robot of a single run, if it is already loaded; else the run's own.
+        scene: The scene of a single run, if it is already built.
+        summary: The figures of merit of a single run; None: compute them.
+        names: Names of several runs; None: names from their differences.
 
     Returns:
         The path.
 
     Raises:
-        RpctlError: There is no run, or meshcat lacks its viewer.
+        RpctlError: There is no run, the file cannot be written, or meshcat lacks its viewer.
     """
     runs = [run] if isinstance(run, Run) else list(run)
     if not runs:

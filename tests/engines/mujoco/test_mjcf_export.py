@@ -140,7 +140,7 @@ def test_a_witness_comes_whole_out_of_json(robot: rpctl.Robot) -> None:
     assert as_plain(again) == as_plain(witness)
     broken = as_plain(witness)
     broken["effort"] = broken["effort"][1:]
-    with pytest.raises(ValueError, match=r"effort is of the shape \(2,\), not \(3,\)"):
+    with pytest.raises(ValueError, match=r"effort has the shape \(2,\), not \(3,\)"):
         from_plain(broken)
 
 
@@ -253,7 +253,5 @@ def test_a_fixed_base_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_robot_that_leans_is_refused_with_the_reason(tmp_path: Path) -> None:
-    with pytest.raises(
-        rpctl.RpctlError, match=r"balancer leans.*without a law, which this robot cannot"
-    ):
+    with pytest.raises(rpctl.RpctlError, match=r"balancer leans.*falls without a law"):
         export_mjcf(rpctl.load("balancer"), tmp_path / "balancer.xml")

@@ -168,7 +168,9 @@ def test_a_robot_that_falls_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RpctlError, match=r"falls over.*left_joint, right_joint.*caster"):
         start(robot)
     motion = start(robot, ContactSettings(props=True))
-    assert motion.notes == ("four added balls hold it up, 0.75 m around P",)
+    assert motion.notes == (
+        "four added frictionless balls hold the robot up, 0.75 m from P along each axis",
+    )
     assert motion.ground().load.sum() < 0.9 * G * robot.mass  # the balls bear the rest
     for _ in range(100):
         motion.advance(np.ones(2), PERIOD)

@@ -273,7 +273,7 @@ def test_errors_are_linear_until_a_logarithm_is_chosen(page: Any, paper_run: Run
     distribution, low, least = page.evaluate(state)
     assert distribution == 3
     assert low > 0.0 and least > 0.0
-    assert card.locator(".unit").inner_text().endswith(", size")
+    assert card.locator(".unit").inner_text().endswith(", absolute value")
     card.locator("button.scale").click()
     assert page.evaluate(state)[0] == 1
     efforts = page.locator(".chart", has_text="Efforts").first
