@@ -157,7 +157,7 @@ def _shared(robot: Robot, reading: FileReading) -> Iterator[str]:
         words = "".join(f" {name}:={value}" for name, value in given.items())
         yield "the expansion of the xacro" + (f" with{words}" if words else "")
     if robot.losses is not None and robot.losses.friction.any():
-        yield "the rates below which friction is smooth"
+        yield "the rate below which dry friction is smoothed"
     if robot.loaded_with.rotors:
         yield f"declared armature of {', '.join(robot.loaded_with.rotors)}"
     if robot.description.estimated_links:
