@@ -48,7 +48,7 @@ def test_all_derivations_agree_on_them(robot: Robot) -> None:
     assert not [row for row in proof.comparisons if not row.passed]
     rows = {(row.name, row.against): row for row in proof.checks}
     assert rows["losses ℓ", "Gibbs-Appell"].residual < 1e-14
-    assert "the rates below which friction is smooth" in proof.scope.shared
+    assert "the rate below which dry friction is smoothed" in proof.scope.shared
     if ("damping of ℓ", "MuJoCo") in rows:
         assert "friction is left out" in rows["damping of ℓ", "MuJoCo"].note
 
