@@ -32,7 +32,7 @@ def test_robots_of_the_catalogue_pass(name: str) -> None:
     assert proof.passed, [check for check in proof.checks if not check.passed]
 
 
-@pytest.mark.parametrize("name", cells(ROBOTS, slow={"swerve"}))
+@pytest.mark.parametrize("name", cells(ROBOTS))
 def test_robots_of_the_catalogue_pass_at_a_hundred_states(name: str) -> None:
     assert verify(rpctl.load(name), samples=100).passed
 
@@ -133,11 +133,10 @@ def test_an_oracle_that_breaks_down_at_one_state_answers_at_the_others(
     }  # fmt: skip
 
 
-def test_json_names_all_that_is_held_where_the_line_counts() -> None:
+def test_json_names_all_that_is_held_where_the_line_counts(tiago: Robot) -> None:
     """Gibbs and MuJoCo share that list: a joint that is not on it would be questioned by none."""
-    robot = rpctl.load("tiago")
     scope = proved("tiago").scope
     (held,) = [each for each in scope.to_dict()["assumes"] if each.startswith("held: ")]
-    assert len(robot.locked) == 36
-    assert held.removeprefix("held: ").split(", ") == list(robot.locked)
+    assert len(tiago.locked) == 36
+    assert held.removeprefix("held: ").split(", ") == list(tiago.locked)
     assert held not in scope.line and "and 32 more" in scope.line
