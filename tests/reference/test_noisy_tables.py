@@ -158,7 +158,7 @@ def test_a_heading_across_the_way_is_told(paper: Robot, tmp_path: Path) -> None:
     rows[:, 3] = true[:, 3] + 1.3
     np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header="t,x,y,theta", comments="")
     with pytest.raises(DescriptionError, match=r"a base that follows theta stays off"):
-        read(paper, tmp_path / "a.csv", SIGMA)
+        read(paper, tmp_path / "a.csv", "auto")
 
 
 @pytest.mark.parametrize(
