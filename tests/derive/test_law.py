@@ -68,8 +68,6 @@ QUICK = {
 }
 SLOW = {
     ("paper", "kanayama"),
-    ("paper", "leashed"),
-    ("tiago", "smooth"),
     ("omni", "bare"),
     ("car-like", "paper"),
 }
