@@ -96,13 +96,13 @@ def test_c(name: str, tmp_path: Path, rng: np.random.Generator) -> None:
     check(robot, *compiled(robot, tmp_path), rng)
 
 
-@pytest.mark.parametrize("name", cells(ROBOTS, {"paper", "mixed_chain"}, {"panda"}))
+@pytest.mark.parametrize("name", cells(ROBOTS, {"mixed_chain"}))
 def test_python(name: str, rng: np.random.Generator) -> None:
     robot = rpctl.load(name)
     check(robot, *executed(robot), rng)
 
 
-@pytest.mark.parametrize("seed", cells(range(8), {0}, {1, 2}))
+@pytest.mark.parametrize("seed", cells(range(8), {0}, {1}))
 def test_random_robots(seed: int, tmp_path: Path, rng: np.random.Generator) -> None:
     """Any drive and tree, mimics with factors and offsets among them."""
     text = random_robot(np.random.default_rng([3, seed]))
@@ -110,7 +110,7 @@ def test_random_robots(seed: int, tmp_path: Path, rng: np.random.Generator) -> N
     check(robot, *executed(robot), rng)
 
 
-@pytest.mark.parametrize("kind", cells(KINDS, (), {"car-like", "casters"}))
+@pytest.mark.parametrize("kind", cells(KINDS, (), {"casters"}))
 def test_every_kind_of_wheel(kind: str, tmp_path: Path, rng: np.random.Generator) -> None:
     robot = rpctl.load(write(tmp_path, vehicle(kind)))
     check(robot, *executed(robot), rng)

@@ -9,7 +9,7 @@ import pytest
 import rpctl
 from rpctl.description.frozen_tree import FrozenTree
 
-ROBOTS = ["casters", "tiago"]
+ROBOTS = ["casters", "mixed_chain", "panda"]
 
 
 @pytest.mark.parametrize("name", ROBOTS)

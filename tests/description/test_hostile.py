@@ -16,7 +16,7 @@ from rpctl.errors import DescriptionError, RpctlError
 from rpctl.files import caps
 from tests.description.corpus import BASE
 from tests.description.test_fuzz import PATIENCE, patience
-from tests.grids import cells, every
+from tests.grids import cells
 
 SECRET = "root:x:0:0"
 LAUGHS = "<!ENTITY a0 'ha'>" + "".join(
@@ -111,7 +111,17 @@ HOSTILE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", every(4, HOSTILE))
+QUICK = {
+    "billion laughs", "external document type", "entity without a document type", "depth 90000",
+    "300000 shapes", "unclosed comments",
+}  # fmt: skip
+SLOW = {
+    "external entity", "31 MB of blanks", "100000 links", "an attribute of 11 MB",
+    "a million attributes", "5 million attributes", "1900 mimics in a row", "500 moving joints",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", cells(HOSTILE, QUICK, SLOW))
 def test_hostile_files_are_refused_soon(name: str, tmp_path: Path) -> None:
     text, expected = HOSTILE[name]
     path = tmp_path / "hostile.urdf"
@@ -133,7 +143,7 @@ HUGE = {
 }
 
 
-@pytest.mark.parametrize("name", cells(HUGE, slow=["wide, moving", "deep, fixed"]))
+@pytest.mark.parametrize("name", cells(HUGE, slow=["deep, moving"]))
 def test_a_huge_file_is_told_within_half_a_gigabyte(name: str, tmp_path: Path) -> None:
     path = tmp_path / "huge.urdf"
     path.write_text(HUGE[name], encoding="utf-8")
@@ -150,9 +160,9 @@ def test_a_huge_file_is_told_within_half_a_gigabyte(name: str, tmp_path: Path) -
 
 def test_a_deep_robot_is_read(tmp_path: Path) -> None:
     path = tmp_path / "deep.urdf"
-    path.write_text(chain(2000), encoding="utf-8")
+    path.write_text(chain(1200), encoding="utf-8")
     description = read(path)
-    assert len(description.chain("l1999")) == 1999
+    assert len(description.chain("l1199")) == 1199
     with patience(PATIENCE), pytest.raises(RpctlError, match="no known drive"):
         rpctl.load(path)
 

@@ -22,6 +22,7 @@ from tests.drive.drive_cases import (
     tricycle,
     xml,
 )
+from tests.grids import cells
 from tests.vehicles import KINDS, caster, rear_axle, vehicle
 
 
@@ -399,7 +400,10 @@ def test_a_drive_file_is_checked_with_the_same_care(
     assert reason in files.refusal(tricycle(), drive_text)
 
 
-@pytest.mark.parametrize("kind", [*KINDS, "skid-steer", "mecanum"])
+STARTS = [*KINDS, "skid-steer", "mecanum"]
+
+
+@pytest.mark.parametrize("kind", cells(STARTS, {*STARTS} - {"twin", "parallel", "mecanum"}))
 def test_the_start_of_every_type_is_accepted(files: Files, kind: str) -> None:
     """What a refusal offers, its type put right, is the drive that would have been found."""
     from rpctl.drive.drive import suggest

@@ -20,7 +20,7 @@ from rpctl.dynamics.derivatives import LinearDynamics, linearize
 from rpctl.dynamics.motion import rk4_step
 from rpctl.robot.losses import Losses
 from tests import random_vehicles
-from tests.grids import cells, every
+from tests.grids import cells
 from tests.random_robots import random_robot
 from tests.robots import SET_A, four_wheels, platform, write
 from tests.vehicles import KINDS, vehicle
@@ -28,6 +28,7 @@ from tests.vehicles import KINDS, vehicle
 STEP = 1e-5  # of central differences; their own error is about 1e-9
 TOLERANCE = 1e-6  # relative to the largest entry
 DRIVES = [*KINDS, "skid-steer", "mecanum"]
+LOSSY = ["car-like", "mecanum", "powered"]  # with losses and rotors: what holds with holds without
 LOADED = ["casters", "car-like", "tricycle", "bicycle", "steered", "powered"]
 VEHICLES = [(kind, seed) for seed in range(6) for kind in LOADED]
 
@@ -81,23 +82,23 @@ def rates_beside(dynamics: ReducedDynamics, q: Array, nu: Array, tau: Array, x: 
     return np.append(dynamics.basis(beside) @ (nu + ahead), nu_dot)
 
 
-@pytest.mark.parametrize("kind", DRIVES)
+@pytest.mark.parametrize("kind", cells(DRIVES, {*DRIVES} - {*LOSSY, "steered", "parallel"}))
 def test_central_differences_agree(kind: str, tmp_path: Path, rng: np.random.Generator) -> None:
     check(made(kind, tmp_path), rng)
 
 
-@pytest.mark.parametrize("kind", ["car-like", "mecanum", "powered"])
+@pytest.mark.parametrize("kind", LOSSY)
 def test_losses_and_rotors_count(kind: str, tmp_path: Path, rng: np.random.Generator) -> None:
     check(lossy(made(kind, tmp_path), rng), rng)
 
 
-@pytest.mark.parametrize("seed", every(8, range(8)))
+@pytest.mark.parametrize("seed", cells(range(8), (0,), (1,)))
 def test_of_random_robots(seed: int, tmp_path: Path) -> None:
     rng = np.random.default_rng([5, seed])
     check(rpctl.load(write(tmp_path, random_robot(rng))), rng)
 
 
-@pytest.mark.parametrize(("kind", "seed"), cells(VEHICLES, {("car-like", 0), ("steered", 0)}))
+@pytest.mark.parametrize(("kind", "seed"), cells(VEHICLES, {("steered", 0)}))
 def test_of_random_vehicles(kind: str, seed: int, tmp_path: Path, rng: np.random.Generator) -> None:
     check(rpctl.load(write(tmp_path, random_vehicles.vehicle(kind, seed)[0])), rng)
 

@@ -39,11 +39,15 @@ def load(folder: Path, kind: str) -> Robot:
     return rpctl.load(write(folder, vehicle(kind), f"{kind}.urdf"))
 
 
-def states(folder: Path, rng: np.random.Generator) -> list[tuple[str, Robot, Array, Array]]:
-    """Return random vehicles at random states, then some whose steering is nearly singular."""
-    found = []
+States = list[tuple[str, Robot, Array, Array]]
+
+
+@pytest.fixture(scope="module")
+def states(tmp_path_factory: pytest.TempPathFactory) -> States:
+    """Random vehicles at random states, then some whose steering is nearly singular."""
+    found, folder, rng = [], tmp_path_factory.mktemp("states"), np.random.default_rng(20210601)
     for kind in KINDS:
-        for seed in range(3):
+        for seed in range(2):
             robot = rpctl.load(write(folder, random_vehicles.vehicle(kind, seed)[0]))
             q, nu = robot.random_configuration(rng), rng.normal(size=robot.dof)
             found.append((f"{kind} {seed}", robot, q, nu))
@@ -56,11 +60,9 @@ def states(folder: Path, rng: np.random.Generator) -> list[tuple[str, Robot, Arr
     return found
 
 
-def test_it_solves_the_equations_of_the_whole_tree(
-    tmp_path: Path, rng: np.random.Generator
-) -> None:
+def test_it_solves_the_equations_of_the_whole_tree(states: States) -> None:
     """[A; W] S = [0; I] and [A; W] Ṡν = −[Ȧv; 0], with all rows and all columns."""
-    for name, robot, q, nu in states(tmp_path, rng):
+    for name, robot, q, nu in states:
         dynamics = ReducedDynamics(robot)
         at, rolling = dynamics.at(q), dynamics.rolling
         A, W = constraint(rolling, q), selection(robot, rolling)
@@ -73,9 +75,9 @@ def test_it_solves_the_equations_of_the_whole_tree(
         np.testing.assert_allclose(W @ drift, 0.0, atol=ROUNDING * size, err_msg=name)
 
 
-def test_the_drift_is_the_rate_of_the_basis(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_the_drift_is_the_rate_of_the_basis(states: States) -> None:
     """Along the motion, over a small part of the time in which it changes."""
-    for name, robot, q, nu in states(tmp_path, rng):
+    for name, robot, q, nu in states:
         dynamics = ReducedDynamics(robot)
         at = dynamics.at(q)
         v, drift = at.S @ nu, at.drift(nu)

@@ -118,7 +118,7 @@ PLANTED = [  # a switch, the robot that it concerns, and words of the line
 ]
 
 
-@pytest.mark.parametrize(("switch", "text", "words"), cells(PLANTED, slow=PLANTED[:1]))
+@pytest.mark.parametrize(("switch", "text", "words"), cells(PLANTED))
 def test_what_is_planted_is_named(
     load: Callable[[str], Robot], switch: str, text: str, words: tuple[str, ...]
 ) -> None:
@@ -163,7 +163,7 @@ def test_all_defaults_are_traced_and_cured(load: Callable[[str], Robot]) -> None
     assert plain["agrees"] is False and plain["line"] == verdict.line
 
 
-@pytest.mark.slow
+@pytest.mark.thorough  # what remains: test_causes.py
 def test_an_unknown_cause_is_not_traced(load: Callable[[str], Robot]) -> None:
     """The engine gets a heavier robot whatever is mended: no switch explains it."""
     robot = load(rover())

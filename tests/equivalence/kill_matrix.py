@@ -42,7 +42,7 @@ from tests.robots import write
 LOSSES = '<dynamics damping="0.{0}" friction="0.0{0}"/></joint>'
 CheckKey = tuple[str, str]  # a check's name, and against what
 SEED = 59  # of a robot with slanted frames, wheels beside their joints, a mimic, R and P joints
-SAMPLES = 2
+SAMPLES = 1
 GENERAL = "general"  # a differential drive of general numbers with five arm joints
 LOSSY = "lossy"  # the same, each joint with a damping and a friction of its own
 MAX_ROWS_TRIPPED = 4  # rows that a probe trips at most

@@ -19,7 +19,7 @@ from rpctl.drive.drive import Drive, Swivel, Wheel
 from rpctl.equivalence.certificate import Check
 from rpctl.robot.build import build
 
-SAMPLES = 3
+SAMPLES = 1
 
 
 @dataclass(frozen=True)

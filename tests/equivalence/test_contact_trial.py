@@ -122,7 +122,7 @@ def test_it_travels_and_turns_as_planned(trial: ContactTrial) -> None:
         assert np.abs(side.pose[0]).max() < 1e-3
 
 
-@pytest.mark.parametrize("name", cells(CATALOGUE, slow=("car", "mecanum", "tiago")))
+@pytest.mark.parametrize("name", cells(CATALOGUE, slow=("car", "mecanum")))
 def test_every_wheeled_robot_of_the_catalogue_agrees(name: str) -> None:
     trial = rolled(rpctl.load(name))
     assert broken(trial) == {}
@@ -152,7 +152,7 @@ FAULTS = (
     ("caster_drive", longer, "path"),
     ("caster_drive", upside_down, "casters"),
 )
-TELLING = (FAULTS[8], FAULTS[13], FAULTS[16])  # a swivel, a tie rod, rollers
+TELLING = (FAULTS[8],)  # a swivel
 
 
 @pytest.mark.parametrize(("name", "fault", "row"), cells(FAULTS, FAULTS[:1], TELLING))
@@ -256,6 +256,6 @@ def test_the_command_line_tells_of_the_trial(
     wide = dataclasses.replace(trial.checks[0], residual=1.01)
     failed = dataclasses.replace(trial, checks=(wide, *trial.checks[1:]))
     monkeypatch.setattr(contact_trial, "contact_trial", lambda robot: failed)
-    result = CliRunner().invoke(app, arguments)
+    result = CliRunner().invoke(app, arguments[:-2])  # without the page
     assert result.exit_code == 1
     assert "not verified: path against MuJoCo, rolling on a plane" in result.output

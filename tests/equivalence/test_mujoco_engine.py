@@ -64,7 +64,7 @@ def gaps(robot: Robot, engine: MujocoEngine, rng: np.random.Generator) -> tuple[
     )
 
 
-@pytest.mark.parametrize("name", cells(ROBOTS, ONE_A_KIND, slow=["tiago"]))
+@pytest.mark.parametrize("name", cells(ROBOTS, ONE_A_KIND))
 def test_the_reduced_dynamics_agree(name: str, rng: np.random.Generator) -> None:
     robot = rpctl.load(name)
     engine = MujocoEngine(robot)

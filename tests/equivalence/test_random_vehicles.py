@@ -9,7 +9,7 @@ import pytest
 
 import rpctl
 from rpctl import Robot
-from tests.grids import cells, every
+from tests.grids import cells
 from tests.proofs import failed
 from tests.random_vehicles import DRIVE_FILES, DRIVE_TYPES, KINDS, Vehicle, vehicle
 from tests.robots import write
@@ -43,7 +43,7 @@ def check_drive(robot: Robot, kind: str, built: Vehicle) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", every(3, range(3)))
+@pytest.mark.parametrize("seed", cells(range(3), (0,)))
 def test_vehicles_are_verified(tmp_path: Path, kind: str, seed: int) -> None:
     check(tmp_path, kind, seed)
 
@@ -60,7 +60,7 @@ def test_steered_wheels_of_a_base_that_heads_along_y_share_a_lateral_force(
     check(tmp_path, kind, seed)
 
 
-@pytest.mark.parametrize("seeds", cells([range(3, 20), range(20, 103)], slow=[range(3, 20)]))
+@pytest.mark.parametrize("seeds", cells([range(3, 6), range(6, 103)], slow=[range(3, 6)]))
 @pytest.mark.parametrize("kind", KINDS)
 def test_many_vehicles_are_verified(tmp_path: Path, kind: str, seeds: range) -> None:
     for seed in seeds:

@@ -55,12 +55,12 @@ def read_back(robot: Robot, path: str) -> TimedPath:
 
 @pytest.mark.parametrize("heading", cells([True, False], [False], [True]))
 def test_a_dense_table_gives_the_reference_back(
-    tiago: Robot, tmp_path: Path, heading: bool
+    paper: Robot, tmp_path: Path, heading: bool
 ) -> None:
-    reference = reference_by_name(tiago, "eight")
-    columns = ["t", "x", "y", *["theta"] * heading, *(joint.name for joint in tiago.joints)]
+    reference = reference_by_name(paper, "eight")
+    columns = ["t", "x", "y", *["theta"] * heading, *(joint.name for joint in paper.joints)]
     times = np.arange(0.0, END + 1e-9, 0.02)
-    back = read_back(tiago, written(tiago, reference, tmp_path / "a.csv", columns, times))
+    back = read_back(paper, written(paper, reference, tmp_path / "a.csv", columns, times))
     assert back.duration == pytest.approx(END + 1.0)  # it ends in motion, so it stops later
     for t in np.linspace(0.0, END - 1.05, 150):
         was, now = reference(t), back(t)

@@ -136,7 +136,7 @@ def shortest(robot: Robot, reference: RecordedPath, end: float) -> float:
     return float((np.diff(s) / (0.5 * (rate[1:] + rate[:-1]))).sum())
 
 
-@pytest.mark.parametrize("seed", cells(range(20), [1], [2, 3, 4]))
+@pytest.mark.parametrize("seed", cells(range(20), [1], [2]))
 def test_a_random_path_is_driven_within_the_limits(paper: Robot, tmp_path: Path, seed: int) -> None:
     t, poses = random_way(seed)
     path = written(tmp_path / "a.csv", t, poses)

@@ -56,8 +56,8 @@ def test_random_configurations_respect_limits(robot: Robot, rng: np.random.Gener
             assert joint.lower <= position <= joint.upper
 
 
-def test_locks_freeze_at_their_value() -> None:
-    free = rpctl.load("tiago")
+def test_locks_freeze_at_their_value(tiago: Robot) -> None:
+    free = tiago
     locked = rpctl.load("tiago", lock={"torso_lift_joint": 0.2, "head_*": 0.0})
     assert locked.dof == free.dof - 3
     joints = dict(zip((j.name for j in locked.joints), locked.home, strict=True))
@@ -107,10 +107,11 @@ def test_a_massless_mover_is_refused_with_the_way_out(tmp_path: Path) -> None:
     assert rpctl.load(path, lock=["grip"]).dof == 2
 
 
-def test_an_end_effector_can_be_chosen(tiago: Robot) -> None:
-    assert rpctl.load("tiago", end_effector="head_2_link").end_effector == "head_2_link"
-    with pytest.raises(UnknownNameError, match="link 'head_2'"):
-        rpctl.load("tiago", end_effector="head_2")
+def test_an_end_effector_can_be_chosen(paper: Robot) -> None:
+    other = paper.joints[0].child
+    assert rpctl.load("paper", end_effector=other).end_effector == other != paper.end_effector
+    with pytest.raises(UnknownNameError, match=f"link '{other}s'"):
+        rpctl.load("paper", end_effector=f"{other}s")
 
 
 def test_a_mover_without_inertia_is_refused(tmp_path: Path) -> None:

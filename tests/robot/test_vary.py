@@ -9,24 +9,24 @@ from rpctl import ReducedDynamics, Robot, RpctlError, scale_limits, scale_masses
 from rpctl.errors import UnknownNameError
 
 
-def test_limits_scale_and_nothing_else(tiago: Robot) -> None:
-    half = scale_limits(tiago, effort=0.5, velocity=0.25)
-    np.testing.assert_array_equal(half.effort_limits, 0.5 * tiago.effort_limits)
-    run = track(half, "eight", duration=0.01, allow_sag=True)  # its arm_2 would take 101 %
-    plain = track(tiago, "eight", duration=0.01)
+def test_limits_scale_and_nothing_else(paper: Robot) -> None:
+    half = scale_limits(paper, effort=0.5, velocity=0.25)
+    np.testing.assert_array_equal(half.effort_limits, 0.5 * paper.effort_limits)
+    run = track(half, "eight", duration=0.01)
+    plain = track(paper, "eight", duration=0.01)
     np.testing.assert_array_equal(
         run.robot.effort_limits, 0.5 * np.array(plain.robot.effort_limits)
     )
     np.testing.assert_array_equal(
         run.robot.velocity_limits, 0.25 * np.array(plain.robot.velocity_limits)
     )
-    assert [j.effort for j in half.joints] == [0.5 * j.effort for j in tiago.joints]
-    q = tiago.configuration()
+    assert [j.effort for j in half.joints] == [0.5 * j.effort for j in paper.joints]
+    q = paper.configuration()
     np.testing.assert_array_equal(
-        ReducedDynamics(half).inertia(q), ReducedDynamics(tiago).inertia(q)
+        ReducedDynamics(half).inertia(q), ReducedDynamics(paper).inertia(q)
     )
     with pytest.raises(RpctlError, match="effort is 0; give a positive number"):
-        scale_limits(tiago, effort=0.0)
+        scale_limits(paper, effort=0.0)
 
 
 def test_masses_scale_where_the_pattern_fits(tiago: Robot) -> None:

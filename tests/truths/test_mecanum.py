@@ -151,6 +151,7 @@ def scale(*arrays: Array) -> float:
     return max(float(np.abs(array).max()) for array in arrays)
 
 
+@pytest.mark.slow  # SymPy derives them for 5 s
 def test_the_equations_are_the_textbooks(robot: Robot, textbook: Textbook) -> None:
     assert robot.quasi_velocities == ("vx", "vy", "omega", "column_joint", "boom_joint")
     assert len(robot.actuators) == 6
@@ -183,6 +184,7 @@ def drive(robot: Robot, textbook: Textbook, substeps: int) -> tuple[float, Array
     return farthest, x[:5]
 
 
+@pytest.mark.thorough  # of the car in make slow
 def test_the_closed_loops_go_the_same_way(robot: Robot, textbook: Textbook) -> None:
     """They part by RK4's truncation and nothing else: half the step, a sixteenth of it."""
     (coarse, _), (fine, end) = (drive(robot, textbook, substeps) for substeps in (4, 8))

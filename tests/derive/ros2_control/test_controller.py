@@ -12,7 +12,7 @@ import pytest
 
 from rpctl import Robot
 from rpctl.derive.ros2_control import export_ros2_control
-from tests.derive.ros2_control.builds import SANITIZED, Driven, driven
+from tests.derive.ros2_control.builds import PLAIN, SANITIZED, Driven, driven
 
 pytestmark = pytest.mark.slow  # it compiles a controller, 20 s
 
@@ -339,7 +339,7 @@ def test_p_may_lie_beside_the_root_link(mixed_chain: Robot, tmp_path: Path) -> N
     """A path is the root link's, a reference P's; a twist without a place asks for no other one."""
     package = tmp_path / "package"
     export_ros2_control(mixed_chain, package)
-    controller = driven(mixed_chain, package, SANITIZED, "driver", PERIOD)
+    controller = driven(mixed_chain, package, PLAIN, "driver", PERIOD)
     place, twist = (0.3, -0.2, 0.7), [0.1, 0.0, 0.2]
     where = mixed_chain.base_pose(mixed_chain.configuration(*place))
     assert np.abs(where - place).max() > 0.05

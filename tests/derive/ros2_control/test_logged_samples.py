@@ -1,10 +1,11 @@
-"""The exported controller on 10⁵ logged samples: Controller.step's commands, nothing allocated."""
+"""The exported controller on logged samples: Controller.step's commands, nothing allocated."""
 
 from __future__ import annotations
 
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +21,8 @@ from rpctl.derive.law_program import law_program, law_sheet
 from rpctl.derive.ros2_control import expected_commands, export_ros2_control, numbers_of
 from tests.control.simulated import Simulated
 from tests.control.test_estimation import Late
-from tests.derive.ros2_control.builds import FAST, SANITIZED, Driven, driven
+from tests.derive.ros2_control.builds import FAST, PLAIN, SANITIZED, Driven, driven
+from tests.grids import cells
 
 COUNT = 100_000
 SHORT = 1_000
@@ -52,13 +54,13 @@ class Logged(NamedTuple):
     commands: Array  # (K, n_act)
 
 
-def logged(robot: Robot, output: str, folder: Path) -> Logged:
+def logged(robot: Robot, output: str, folder: Path, count: int) -> Logged:
     """Return a run round and round the eight, and what Controller.step sends at its samples.
 
     Speeds that limits bind are left out: Controller bounds accelerations too.
     """
     laws = {"kinematic": LAW, "dynamic": PaperDynamic()}
-    given = {"duration": COUNT * PERIOD, "initial_error": STARTS, "log_every": 1}
+    given = {"duration": count * PERIOD, "initial_error": STARTS, "log_every": 1}
     run = rpctl.track(robot, "eight", **laws, **given)  # type: ignore[arg-type]
     controller = Controller(
         robot, "eight", kinematic=LAW, dynamic=PaperDynamic(), period=PERIOD, output=output
@@ -113,14 +115,12 @@ def hidden(t: float, q: Array, nu: Array) -> tuple[float, Array, Array]:
 
 
 def driven_along(
-    controller: Driven, samples: Logged, effort_rate: float | None = None
+    controller: Driven, samples: Logged, *parameters: str
 ) -> tuple[Array, list[float]]:
-    """Return what an exported controller sends at samples, and its costs."""
+    """Return what an exported controller with parameters sends at samples, and its costs."""
     count = len(samples.commands)
-    words = [f"start {controller.name} 500", "chained 1", "configure", "activate"]
-    if effort_rate is not None:
-        words.insert(1, f"parameter effort_rate {effort_rate}")
-    before = "\n".join([*words, f"samples {count}"])
+    words = [f"start {controller.name} 500", *(f"parameter {each}" for each in parameters)]
+    before = "\n".join([*words, "chained 1", "configure", "activate", f"samples {count}"])
     with tempfile.TemporaryFile("w+") as given:
         given.write(f"{before}\n{samples.lines.read_text()}costs\n")
         given.seek(0)
@@ -192,65 +192,99 @@ def folder(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
-    ("name", "output"),
-    [
-        pytest.param("paper", "effort", marks=pytest.mark.slow),
-        pytest.param("tiago", "effort", marks=pytest.mark.thorough),
-        pytest.param("mecanum", "effort", marks=pytest.mark.thorough),
-        pytest.param("mecanum", "velocity", marks=pytest.mark.thorough),
-        pytest.param("car", "effort", marks=pytest.mark.thorough),
-        pytest.param("bicycle", "velocity", marks=pytest.mark.thorough),  # no joint of an arm
-    ],
+    ("name", "output", "count"),
+    cells(
+        [
+            ("paper", "effort", SHORT),
+            ("paper", "effort", COUNT),
+            ("tiago", "effort", COUNT),
+            ("mecanum", "effort", COUNT),
+            ("mecanum", "velocity", COUNT),
+            ("car", "effort", COUNT),
+            ("bicycle", "velocity", COUNT),  # no joint of an arm
+        ],
+        slow=[("paper", "effort", SHORT)],
+    ),
 )
-def test_it_sends_what_the_controller_sends(name: str, output: str, folder: Path) -> None:
+def test_it_sends_what_the_controller_sends(
+    name: str, output: str, count: int, folder: Path
+) -> None:
     robot = rpctl.load(name)
     package = folder / "package"
     export_ros2_control(robot, package, LAW, period=PERIOD, output=output)
-    samples = logged(robot, output, folder)
-    assert len(samples.commands) > 0.9 * COUNT
+    samples = logged(robot, output, folder, count)
+    assert len(samples.commands) > 0.9 * count
     largest = np.abs(samples.commands).max()
-    for flags in (SANITIZED, FAST):
+    for flags in [FAST] if count == SHORT else [SANITIZED, FAST]:
         controller = driven(robot, package, flags, "driver", PERIOD)
         found, costs = driven_along(controller, samples)
         assert np.abs(found - samples.commands).max() <= EXACT * largest
     say(f"{name} {output}", costs)
 
 
+KINDS = {
+    "late": Told(DELAY, "measured"),
+    "unrated": Told(0.0, "estimated", hidden),
+    "slow-and-late": Told(DELAY, "measured", period=8 * BINARY),
+    "late-and-unrated": Told(DELAY, "estimated", hidden),
+    "failing": Told(0.0, None, failing),
+    "counted": Told(0.0, None),
+    "gentle": Told(0.0, "measured", effort_rate=1.0),
+}
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Driven]:
+    """Return packages as programs; what a parameter tells is no other package."""
+
+    @cache
+    def build(name: str, period: float, delay: float, plain: bool) -> Driven:
+        robot, package = rpctl.load(name), tmp_path_factory.mktemp("ros") / "package"
+        export_ros2_control(robot, package, LAW, period=period, delay=delay)
+        return driven(robot, package, PLAIN if plain else SANITIZED, "driver", period)
+
+    return build
+
+
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
     ("name", "kind", "count"),
-    [
-        pytest.param("paper", "late", SHORT, marks=pytest.mark.slow),
-        pytest.param("paper", "slow-and-late", SHORT, marks=pytest.mark.slow),
-        pytest.param("paper", "unrated", SHORT, marks=pytest.mark.slow),
-        pytest.param("car", "late-and-unrated", SHORT, marks=pytest.mark.slow),
-        pytest.param("paper", "failing", SHORT, marks=pytest.mark.slow),
-        pytest.param("paper", "counted", SHORT, marks=pytest.mark.slow),
-        pytest.param("paper", "gentle", SHORT, marks=pytest.mark.slow),
-        pytest.param("tiago", "late", COUNT, marks=pytest.mark.thorough),
-        pytest.param("tiago", "late-and-unrated", COUNT, marks=pytest.mark.thorough),
-        pytest.param("mecanum", "late-and-unrated", COUNT, marks=pytest.mark.thorough),
-    ],
+    cells(
+        [
+            ("paper", "late", SHORT),
+            ("paper", "slow-and-late", SHORT),
+            ("paper", "unrated", SHORT),
+            ("car", "late-and-unrated", SHORT),
+            ("paper", "failing", SHORT),
+            ("paper", "counted", SHORT),
+            ("paper", "gentle", SHORT),
+            ("tiago", "late", COUNT),
+            ("tiago", "late-and-unrated", COUNT),
+            ("mecanum", "late-and-unrated", COUNT),
+        ],
+        slow=[
+            ("paper", "slow-and-late", SHORT),
+            ("paper", "unrated", SHORT),
+            ("car", "late-and-unrated", SHORT),
+            ("paper", "failing", SHORT),
+            ("paper", "counted", SHORT),
+            ("paper", "gentle", SHORT),
+        ],
+    ),
 )
 def test_it_knows_lateness_and_rates_as_the_controller(
-    name: str, kind: str, count: int, folder: Path
+    name: str, kind: str, count: int, folder: Path, built: Callable[..., Driven]
 ) -> None:
-    robot = rpctl.load(name)
-    told = {
-        "late": Told(DELAY, "measured"),
-        "unrated": Told(0.0, "estimated", hidden),
-        "slow-and-late": Told(DELAY, "measured", period=8 * BINARY),
-        "late-and-unrated": Told(DELAY, "estimated", hidden),
-        "failing": Told(0.0, None, failing),
-        "counted": Told(0.0, None, Counted(robot)),
-        "gentle": Told(0.0, "measured", effort_rate=1.0),
-    }[kind]
-    package = folder / "package"
-    export_ros2_control(robot, package, LAW, period=told.period, delay=told.delay, rates=told.rates)
+    robot, told = rpctl.load(name), KINDS[kind]
+    if kind == "counted":
+        told = told._replace(measure=Counted(robot))
     samples = closed_loop(robot, folder, count, told)
     largest = np.abs(samples.commands).max()
-    for flags in (SANITIZED, FAST):
-        controller = driven(robot, package, flags, "driver", told.period)
-        found, costs = driven_along(controller, samples, told.effort_rate)
+    parameters = [f"rates = {told.rates or 'automatic'}"]
+    if told.effort_rate is not None:
+        parameters.append(f"effort_rate {told.effort_rate}")
+    for plain in [True] if count == SHORT else [False, True]:
+        controller = built(name, told.period, told.delay, plain)
+        found, costs = driven_along(controller, samples, *parameters)
         assert np.abs(found - samples.commands).max() <= EXACT * largest
     say(f"{name}, {kind}", costs)

@@ -18,7 +18,7 @@ from rpctl import Robot, UnifiedKinematic
 from rpctl.cli.app import app
 from rpctl.derive.ros2_control import Ros2Package, export_ros2_control
 from rpctl.errors import RpctlError
-from tests.derive.ros2_control.builds import SANITIZED, compiled
+from tests.derive.ros2_control.builds import PLAIN, compiled
 from tests.robots import SET_A, platform, write
 
 
@@ -28,9 +28,9 @@ def package(paper: Robot, tmp_path_factory: pytest.TempPathFactory) -> Ros2Packa
 
 
 def test_its_own_test_passes_and_can_fail(package: Ros2Package) -> None:
-    """Warnings are errors, and sanitizers look on; a pose that is 1 µm off is noticed."""
+    """Warnings are errors; a pose that is 1 µm off is noticed. Sanitizers: test_controller.py."""
     source = Path("test/test_samples.cpp")
-    test = compiled(package.folder, [source], SANITIZED, "test_samples")
+    test = compiled(package.folder, [source], PLAIN, "test_samples")
     samples = package.folder / "test/samples.txt"
     done = subprocess.run([test, samples], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -145,19 +145,18 @@ def test_laws_and_periods_are_the_users(paper: Robot, tmp_path: Path) -> None:
 
 
 def test_a_told_delay_is_the_parameter_and_leaves_quicker_joints(
-    paper: Robot, tmp_path: Path
+    package: Ros2Package, paper: Robot, tmp_path: Path
 ) -> None:
     """Joints have Ω = .8/(T/2 + 16 ms + .3 δ), h = 11/Ω, h1 = 11/4Ω; the base what it had."""
     horizons, told = {}, {}
-    for delay, rates in ((None, None), (0.05, "estimated")):
-        folder = tmp_path / f"package{delay}"
-        export_ros2_control(paper, folder, delay=delay, rates=rates)
+    usual_package = export_ros2_control(paper, tmp_path / "package", rates="estimated")
+    for delay, folder in ((None, usual_package.folder), (0.05, package.folder)):
         text = (folder / "src/law.c").read_text()
         horizons[delay] = [float(x) for x in re.findall(r" h\w* = ([\d.e-]+);", text)]
         parameters = yaml.safe_load((folder / "config/controller.yaml").read_text())
         own = parameters["paper_controller"]["ros__parameters"]
         told[delay] = own["delay"], own["rates"]
-    assert told == {None: (0.0, "automatic"), 0.05: (0.05, "estimated")}
+    assert told == {None: (0.0, "estimated"), 0.05: (0.05, "automatic")}
     usual, quick = 11 * 0.051 / 0.8, 11 * 0.032 / 0.8
     assert horizons[None] == pytest.approx([usual, usual, usual, 0.15])
     assert horizons[0.05] == pytest.approx([usual, quick, quick, 0.15, quick / 4])

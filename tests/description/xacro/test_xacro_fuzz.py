@@ -20,7 +20,7 @@ pytest.importorskip("xacro")
 
 PATIENCE = 90  # s; a hang, however slow the machine
 SEED = 7
-COUNTS = {4: "quick", 40: "slow", 1500: "thorough"}
+COUNTS = {4: "quick", 12: "slow", 1500: "thorough"}
 EXPRESSIONS = (
     "$(find parts)", "$(find )", "$(find ../parts)", "$(arg size)", "$(arg none)", "$(env HOME)",
     "$(optenv HOME /root)", "$(dirname)/..", "$(cwd)", "$(eval 1/0)", "$(eval find('parts'))",

@@ -26,7 +26,7 @@ mujoco = pytest.importorskip("mujoco")
 CATALOGUE = ("paper", "mixed_chain", "skid_steer", "mecanum", "car", "tricycle", "bicycle",
              "swerve", "twin_casters", "casters", "caster_drive", "omni", "tiago", "tiago_no_hand",
              "tiago_dual", "tiago_pro")  # fmt: skip
-TELLING = ("mecanum", "swerve")  # rollers, and ties that no file has
+TELLING = ("swerve",)  # ties that no file has
 TETRAHEDRON = """solid t
 facet normal 0 0 0
 outer loop
