@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import rpctl
 from rpctl import Plant, Run, Wrench
@@ -16,6 +17,7 @@ PUSHES = {  # 10 N s half a metre high, 3 N s at the hips, 2 N s from the side
 }
 
 
+@cache  # its linear model takes half a second, and is kept for the robot itself
 def leaning(name: str) -> LeaningRobot:
     """Return a robot of the catalogue that leans."""
     robot = rpctl.load(name)
