@@ -36,6 +36,7 @@ from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.named import reference_by_name
 from rpctl.robot.sources import find_source
 from tests.control.unicycle import NO_JOINTS
+from tests.grids import cells
 from tests.robots import write
 
 STEP = 1e-5
@@ -123,7 +124,7 @@ def test_a_plan_keeps_bend_and_acceleration(bicycle: Robot) -> None:
     """Half as wide again as the tightest bend; up to .4 m/s²."""
     line = reference_by_name(bicycle, "line")
     way = way_of(bicycle, line)
-    times = np.linspace(2.0, way.joins_at, 2000)
+    times = np.linspace(2.0, way.joins_at, 600)
     twists, rates = (np.array([getattr(way(t, line(t)), name) for t in times])
                      for name in ("twist", "twist_dot"))  # fmt: skip
     moving = np.abs(twists[:, 0]) > 1e-3
@@ -187,7 +188,7 @@ def test_a_pace_by_paper_and_pencil() -> None:
     assert pace(4.0) == pytest.approx((6.5, 1.0, 0.0))
 
 
-@pytest.mark.parametrize("turn", [1.0, -1.0])
+@pytest.mark.parametrize("turn", cells([1.0, -1.0], [-1.0]))
 def test_a_swerve_drives_to_the_place_of_a_spin_and_stops_there(turn: float) -> None:
     """Its turning rate is the reference's again from there on; its wheels have turned by then."""
     swerve = rpctl.load("swerve")

@@ -75,7 +75,7 @@ def test_a_base_that_lags_is_foreseen(paper: Robot) -> None:
 
 def test_an_arm_follows_by_efforts_on_a_base_that_takes_a_twist(paper: Robot) -> None:
     """Its base lags .1 s and waits .05 s; told nothing of what it does, the arm is 16 mrad off."""
-    run = rpctl.track(paper, "eight", output=LATE, control_period=PERIOD, duration=6.0,
+    run = rpctl.track(paper, "eight", output=LATE, control_period=PERIOD, duration=5.0,
                       collisions=False)  # fmt: skip
     error = np.abs(run.q - run.q_ref)[run.t > 3.0, :6]
     assert error[:, :4].max() < 5e-4

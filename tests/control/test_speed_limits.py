@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from rpctl.control.law_kernel import running_laws
 from rpctl.control.velocity_output import VelocityOutput
 from rpctl.dynamics.motion import follow, travel
 from rpctl.errors import UnknownNameError
+from tests.grids import cells
 
 
 def limited(
@@ -102,8 +104,9 @@ def test_a_joint_at_its_limit_slows_nothing_else(paper: Robot) -> None:
     assert speeds.limits == (Limit(joint.name, "velocity"),)
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.1, 0.5])
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    ("lag", "sign"), cells(product((0.0, 0.1, 0.5), (-1.0, 1.0)), [(0.0, 1.0), (0.5, -1.0)])
+)
 def test_a_joint_comes_to_its_position_limit_and_not_beyond(
     paper: Robot, lag: float, sign: float
 ) -> None:
