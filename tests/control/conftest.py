@@ -16,3 +16,8 @@ def paper() -> Robot:
 @pytest.fixture(scope="session")
 def tiago() -> Robot:
     return robot_of("tiago")
+
+
+@pytest.fixture(scope="session", params=["paper", "mixed_chain", "tiago"])
+def robot(request: pytest.FixtureRequest) -> Robot:
+    return robot_of(request.param)

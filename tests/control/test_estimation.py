@@ -202,7 +202,7 @@ def test_rates_on_a_lattice_are_told_from_smooth_from_noisy_and_from_fine_ones(
 def test_encoders_do_not_make_efforts_leap(paper: Robot, period: float) -> None:
     """At 500 Hz they leapt by 105 % of a limit, and joints were .65 mrad off."""
     run = rpctl.track(
-        paper, "eight", duration=2.0, control_period=period, plant=Plant(encoder_bits=12),
+        paper, "eight", duration=1.5, control_period=period, plant=Plant(encoder_bits=12),
         collisions=False,
     )  # fmt: skip
     settled = run.t > 0.8

@@ -40,6 +40,7 @@ LAWS: dict[str, Any] = {name: KINEMATIC_LAWS[name]() for name in EXACT}
 LAWS["paper, smooth sign"] = PaperKinematic(smoothing=0.3)
 
 
+@pytest.mark.parametrize("robot", ["paper", "mixed_chain"], indirect=True)
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS.keys())
 def test_the_derivative_is_that_of_the_law_along_the_actual_motion(
     robot: Robot, law: BaseLaw, rng: np.random.Generator

@@ -52,6 +52,7 @@ def rates(robot: Robot, q: Array, nu: Array) -> dict[str, float]:
     return {n: abs(v[robot.velocity_index(n)]) / joint[n].velocity for n in names}
 
 
+@pytest.mark.parametrize("robot", ["paper", "mixed_chain"], indirect=True)
 def test_what_is_within_all_limits_is_sent_as_it_is(robot: Robot) -> None:
     wanted = np.full(robot.dof, 1e-3)
     speeds = limited(robot, wanted)

@@ -38,7 +38,7 @@ STEP = 1e-6
 IN_PYTHON: dict[str, Any] = {"control_period": 0.01, "plant_step": 0.01}
 IN_PYTHON |= {"backend": "pinocchio", "collisions": False}
 GRID = list(product(STEERED, ("line", "reverse", "circle", "eight")))
-IN_CI = {("car-like", "eight"), ("tricycle", "line"), ("steered", "reverse")}
+IN_CI = {("car-like", "eight")}
 
 
 def load(folder: Path, kind: str) -> Robot:
@@ -148,8 +148,7 @@ def test_they_track(tmp_path: Path, kind: str, name: str) -> None:
     assert figures.constraint_residual < 1e-12
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["steered", "twin"])
+@pytest.mark.parametrize("kind", cells(["steered", "twin"], slow=["steered"]))
 def test_swerves_turn_on_the_spot(tmp_path: Path, kind: str) -> None:
     robot = load(tmp_path, kind)
     run = track(
