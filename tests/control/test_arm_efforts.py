@@ -138,6 +138,6 @@ def test_without_samples_base_and_arm_are_both_braked(paper: Robot) -> None:
 
 def test_an_integral_learns_what_pushes_the_arm_as_where_all_are_efforts(paper: Robot) -> None:
     """1 N·m and 1 N that nobody knows: 7 mrad; an integral that waits leaves 72."""
-    run = rpctl.track(paper, "eight", output=LATE, control_period=PERIOD, duration=6.0,
+    run = rpctl.track(paper, "eight", output=LATE, control_period=PERIOD, duration=5.0,
                       plant=rpctl.Plant(tau_bias={"arm_*": 1.0}), collisions=False)  # fmt: skip
     assert np.abs(run.q - run.q_ref)[run.t > 4.0, 4:6].max() < 8e-3

@@ -65,7 +65,7 @@ def hidden(*kept: int) -> Callable[[float, Array, Array], tuple[float, Array, Ar
 def test_a_robot_that_lacks_rates_tracks(paper: Robot, kept: tuple[int, ...]) -> None:
     """Each sample was bad, and the robot was braked."""
     robot = Simulated(Controller(paper, "eight"))
-    robot.run(2.0, hidden(*kept))
+    robot.run(1.2, hidden(*kept))
     assert {output.status for output in robot.outputs} == {"ok"}
     assert robot.controller.report()["estimated"] == len(robot.outputs)
     assert np.abs(robot.error()).max() < 2e-3
@@ -119,9 +119,9 @@ def test_a_position_between_an_encoders_steps_is_known(paper: Robot) -> None:
 def test_rates_that_fail_on_the_way_are_gone_on_from(paper: Robot) -> None:
     """They are what they were, and no rest."""
     robot = Simulated(Controller(paper, "eight"))
-    robot.run(2.0)
-    robot.run(1.0, hidden())
     robot.run(1.0)
+    robot.run(0.6, hidden())
+    robot.run(0.6)
     assert robot.largest_jump(10) < 0.01
     assert np.abs(robot.error()).max() < 2e-3
 

@@ -16,6 +16,7 @@ from rpctl.control.obstacles import Disc
 from rpctl.reference.motion import configuration_along, reference_rates
 from rpctl.reference.named import reference_by_name
 from tests.control.tight_limits import limited
+from tests.grids import cells
 
 BEGIN, STEP = 5.0, 0.005  # s
 OLD = Plant(computing_time=0.05)  # plans are 50 to 100 ms old
@@ -60,7 +61,7 @@ def test_a_plan_says_where_it_leads() -> None:
     np.testing.assert_allclose(followed(dynamics, plan, start, 0.5, sees=True)[0], q, atol=1e-3)
 
 
-@pytest.mark.parametrize("name", ["paper", "car", "omni"])
+@pytest.mark.parametrize("name", cells(["paper", "car", "omni"], ["car", "omni"]))
 def test_a_robot_beside_its_plan_comes_back(name: str) -> None:
     robot = rpctl.load(name)
     dynamics = ReducedDynamics(robot)
@@ -118,12 +119,12 @@ def track(robot: Robot, law: Horizon, duration: float, plant: Plant) -> Run:
 
 def test_bounds_hold_between_old_plans(paper: Robot) -> None:
     """Of an obstacle on the way, and of wheels and motors that are just quick enough."""
-    disc, robot = Disc(1.2, 0.05, 0.3), limited(paper, effort=0.6, speed=0.6)
+    disc, robot = Disc(0.9, 0.05, 0.3), limited(paper, effort=0.6, speed=0.6)
     law = Horizon(base_obstacles=(disc,), base_radius=0.3)
-    runs = [track(robot, law, duration, OLD) for duration in (8.0, 2.0)]
+    runs = [track(robot, law, duration, OLD) for duration in (6.5, 1.5)]
     summary, log = summarize(runs[0]), runs[0].log
     assert disc.distance(log.base[:, :2]).min() > 0.3 - CLOSE
-    assert log.base[-1, 0] > 1.9  # beyond it
+    assert log.base[-1, 0] > 1.5  # beyond it
     assert summary.limits_violated == ()
     report = summary.kinematic_report
     assert report["fallbacks"] == 0
