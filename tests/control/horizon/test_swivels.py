@@ -64,7 +64,7 @@ IN_CI = {("car-like", "eight")}
 
 @pytest.mark.parametrize(("kind", "name"), cells(GRID, slow=IN_CI))
 def test_it_tracks(tmp_path: Path, kind: str, name: str) -> None:
-    figures = summarize(run_of(load(tmp_path, kind), name, 8.0))
+    figures = summarize(run_of(load(tmp_path, kind), name, 12.0))
     assert figures.final_base_error < (1e-3 if name != "spin" else 5e-3)
     assert not figures.limits_violated
     report = figures.kinematic_report
