@@ -132,7 +132,8 @@ def test_an_articulated_base_goes_back_rear_axle_first(tmp_path: Path) -> None:
     robot = load(tmp_path, "articulated")
     reference = rpctl.as_reference(backwards, joints=robot.home)
     off = (0.05, -0.1, 0.1)
-    figures = summarize(track(robot, reference, duration=9.0, initial_error=off, **IN_PYTHON))
+    coarse = {**IN_PYTHON, "control_period": 0.02, "plant_step": 0.02}
+    figures = summarize(track(robot, reference, duration=9.0, initial_error=off, **coarse))
     assert (figures.outcome, figures.limits_violated) == ("tracked", ())
     assert figures.final_base_error < 4e-3
 
