@@ -12,11 +12,10 @@ from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 
-import rpctl
 from rpctl import Controller, Robot
 from rpctl.arrays import Array
 from rpctl.control.error import tracking_error
@@ -34,6 +33,7 @@ from rpctl.simulation.compiled.implicit_step import PlantBuffers
 from rpctl.simulation.compiled.loop import plant_fragment
 from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.starting import rest_at
+from tests.control.catalogue import robot_of
 
 ROBOTS = "paper", "tiago", "car", "mecanum"
 PERIOD = 0.002  # s
@@ -166,12 +166,6 @@ class Told:
         stays = any(f.kind == "dead" and math.isinf(f.end) for f in self.faults)
         if not self.error < (LOST_ERROR if stays else NEAR) and self.status != "lost":
             yield f"{self.error:.3g} m or rad off, {self.status}"
-
-
-@cache
-def robot_of(name: str) -> Robot:
-    """Return a robot by its name."""
-    return rpctl.load(name)
 
 
 def run(name: str, seed: int) -> Told:

@@ -21,6 +21,7 @@ from rpctl.control.velocity_output import VelocityOutput
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.plants.starting import SteppedPlant
+from tests.grids import cells
 
 PERIOD = 0.02
 LATE = {"base": OutputGroup("twist", lag=0.1, dead_time=0.05), "*": OutputGroup("effort")}
@@ -75,7 +76,7 @@ def test_a_base_that_lags_is_foreseen(paper: Robot) -> None:
 
 def test_an_arm_follows_by_efforts_on_a_base_that_takes_a_twist(paper: Robot) -> None:
     """Its base lags .1 s and waits .05 s; told nothing of what it does, the arm is 16 mrad off."""
-    run = rpctl.track(paper, "eight", output=LATE, control_period=PERIOD, duration=6.0,
+    run = rpctl.track(paper, "eight", output=LATE, control_period=PERIOD, duration=5.0,
                       collisions=False)  # fmt: skip
     error = np.abs(run.q - run.q_ref)[run.t > 3.0, :6]
     assert error[:, :4].max() < 5e-4
@@ -83,15 +84,14 @@ def test_an_arm_follows_by_efforts_on_a_base_that_takes_a_twist(paper: Robot) ->
     assert np.abs(run.tau[:, :2]).max() > 0.1  # the base's own controllers have efforts
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("plant", ["ideal", "contact"])
+@pytest.mark.parametrize("plant", cells(["ideal", "contact"], slow=["contact"]))
 def test_tiago_follows_an_eight_by_twist_and_efforts(plant: str) -> None:
     """As its end effector follows by twist and positions, or better: 4 mm in contact."""
     if plant == "contact":
         pytest.importorskip("mujoco")
     output = {"base": OutputGroup("twist", lag=0.1), "*": OutputGroup("effort")}
     run = rpctl.track(rpctl.load("tiago"), "eight", output=output, control_period=0.01,
-                      duration=12.0, plant=plant, collisions=False)  # fmt: skip
+                      duration=6.0, plant=plant, collisions=False)  # fmt: skip
     found = rpctl.summarize(run)
     assert found.outcome == "tracked"
     assert (found.rms_end_effector_error or 1.0) < (2e-4 if plant == "ideal" else 6e-3)
@@ -138,6 +138,6 @@ def test_without_samples_base_and_arm_are_both_braked(paper: Robot) -> None:
 
 def test_an_integral_learns_what_pushes_the_arm_as_where_all_are_efforts(paper: Robot) -> None:
     """1 N·m and 1 N that nobody knows: 7 mrad; an integral that waits leaves 72."""
-    run = rpctl.track(paper, "eight", output=LATE, control_period=PERIOD, duration=6.0,
+    run = rpctl.track(paper, "eight", output=LATE, control_period=PERIOD, duration=5.0,
                       plant=rpctl.Plant(tau_bias={"arm_*": 1.0}), collisions=False)  # fmt: skip
     assert np.abs(run.q - run.q_ref)[run.t > 4.0, 4:6].max() < 8e-3

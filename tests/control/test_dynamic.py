@@ -126,7 +126,7 @@ def test_its_poles_are_those_of_the_design(paper: Robot) -> None:
     """
     bias = np.array([1.0, 1.0, 0.0, 0.0])
     law = IntegralDynamic(4.0, BoundedDynamic(0.15, joint_horizon_dyn=0.1), joint_gain=7.0)
-    error = follow(paper, law, np.zeros(4), bias, 2.0)
+    error = follow(paper, law, np.zeros(4), bias, 1.0)
     dynamics, q = ReducedDynamics(paper), paper.configuration_at(np.zeros(3), paper.home)
     push = np.linalg.solve(dynamics.inertia(q), dynamics.actuation(q) @ bias)
     t, k = np.arange(len(error))[:, None] * 0.001, np.array([4.0, 4.0, 7.0, 7.0])
@@ -138,9 +138,9 @@ def test_its_poles_are_those_of_the_design(paper: Robot) -> None:
 
 def test_without_a_disturbance_it_is_the_papers_law(paper: Robot) -> None:
     nu_d = np.array([0.4, 0.3, 0.2, 0.05])
-    plain = follow(paper, PaperDynamic(), nu_d, np.zeros(4), 1.0)
+    plain = follow(paper, PaperDynamic(), nu_d, np.zeros(4), 0.5)
     inner = BoundedDynamic(0.15, joint_horizon_dyn=0.15)
-    integral = follow(paper, IntegralDynamic(inner=inner), nu_d, np.zeros(4), 1.0)
+    integral = follow(paper, IntegralDynamic(inner=inner), nu_d, np.zeros(4), 0.5)
     np.testing.assert_allclose(integral, plain, atol=2e-3)
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
 
-from tests.control.fault_scripts import ROBOTS, Fault, robot_of, run, run_faults
+from tests.control.catalogue import robot_of
+from tests.control.fault_scripts import ROBOTS, Fault, run, run_faults
+from tests.grids import cells
 
 FAULTS = {
     "what is measured is no number": Fault("nan", 2.0, 2.4, 0.0),
@@ -20,16 +23,20 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS.keys())
-def test_a_robot_comes_back_from_a_fault_without_a_blow(fault: Fault) -> None:
+# Clocks and jumps of the pose, one by one, are in test_faults.py.
+QUICK = ("what is measured is no number", "half of the samples are lost", "an emergency stop")
+
+
+@pytest.mark.parametrize("fault", cells(FAULTS, QUICK, slow=["a wheel's motor fails for a while"]))
+def test_a_robot_comes_back_from_a_fault_without_a_blow(fault: str) -> None:
     """Efforts jumped by 83 % of a limit where it was braked, and by 138 % where it went on."""
-    told = run_faults(robot_of("paper"), [fault], np.random.default_rng(0))
+    told = run_faults(robot_of("paper"), [FAULTS[fault]], np.random.default_rng(0))
     assert not list(told.wrong())
     assert told.status == "ok"
 
 
 @pytest.mark.parametrize(
-    ("name", "seed"), [("paper", 1155), pytest.param("tiago", 2000, marks=pytest.mark.slow)]
+    ("name", "seed"), cells([("paper", 1155), ("tiago", 2000)], [("paper", 1155)])
 )
 def test_faults_that_come_together(name: str, seed: int) -> None:
     """Two jumps of a pose in one sample: .24 m off after 5 s. NaN and losses: a leap of 42 %."""
@@ -62,7 +69,12 @@ def test_the_arm_of_a_lost_robot_is_held() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "size"), [("nan", 0.5), ("delay", 0.2), ("jump", 3.0)], ids=["blind", "late", "far"]
+    ("kind", "size"),
+    cells(
+        [("nan", 0.5), ("delay", 0.2), ("jump", 3.0)],
+        [("delay", 0.2)],
+        [("nan", 0.5), ("jump", 3.0)],
+    ),
 )
 def test_the_judge_tells_what_is_wrong(kind: str, size: float) -> None:
     """A robot that never comes back, that shakes, or that has no time to come back, is told."""
@@ -72,8 +84,13 @@ def test_the_judge_tells_what_is_wrong(kind: str, size: float) -> None:
     assert list(told.wrong())
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ROBOTS)
-def test_random_scripts(name: str) -> None:
-    told = {seed: list(run(name, seed).wrong()) for seed in range(40)}
+SEEDS = {"few": range(4), "many": range(4, 40)}
+
+
+@pytest.mark.parametrize(
+    ("name", "seeds"),
+    cells(product(ROBOTS, SEEDS), slow=[(name, "few") for name in ROBOTS if name != "tiago"]),
+)
+def test_random_scripts(name: str, seeds: str) -> None:
+    told = {seed: list(run(name, seed).wrong()) for seed in SEEDS[seeds]}
     assert {seed: wrong for seed, wrong in told.items() if wrong} == {}

@@ -55,6 +55,7 @@ def test_the_closed_form_minimises_the_cost(rng: np.random.Generator) -> None:
         assert predicted_cost(LAW, reference, e, weights, law) < 1e-24
 
 
+@pytest.mark.parametrize("robot", ["paper", "mixed_chain"], indirect=True)
 def test_the_joints_decay_at_the_horizon(robot: Robot, rng: np.random.Generator) -> None:
     """q̇_d = q̇_r + (q_r − q)/h, [MS21, Eq. 20]."""
     reference, dynamics = reference_by_name(robot, "eight"), ReducedDynamics(robot)

@@ -110,9 +110,16 @@ def test_a_slow_motion_tells_their_sum(spoilt: dict[str, Any], period: float) ->
     assert found.lag[0] + found.dead_times[0] == pytest.approx(0.3, abs=0.02)
 
 
-@pytest.mark.parametrize("command", [step, slow])
 @pytest.mark.parametrize(
-    "told, period", [((0.2, 0.07), 0.02), ((0.48, 0.3), 0.02), ((0.02, 0.055), 0.01)]
+    "command, told, period",
+    cells(
+        [
+            (command, *case)
+            for command in (step, slow)
+            for case in (((0.2, 0.07), 0.02), ((0.48, 0.3), 0.02), ((0.02, 0.055), 0.01))
+        ],
+        [(step, (0.48, 0.3), 0.02), (slow, (0.2, 0.07), 0.02), (slow, (0.02, 0.055), 0.01)],
+    ),
 )
 def test_what_is_told_rightly_stays(
     command: Commanded, told: tuple[float, float], period: float

@@ -19,14 +19,15 @@ from rpctl.errors import DiffersError
 from rpctl.simulation.config import Config, RunSettings
 from rpctl.simulation.loop.closed_loop import rest_at_start
 from rpctl.simulation.loop.track import simulate
+from tests.grids import cells
 
 PERIOD = 0.002
-OTHERS = [("swerve", "velocity"), ("car", "effort"), ("tiago", "effort")]
-WHOLE = [
-    ("paper", "effort"),
-    ("paper", "velocity"),
-    *(pytest.param(name, kind, marks=pytest.mark.slow) for name, kind in OTHERS),
-]
+WHOLE = cells(
+    [("paper", "effort"), ("paper", "velocity"), ("swerve", "velocity"), ("car", "effort"),
+     ("tiago", "effort")],
+    [("paper", "effort"), ("paper", "velocity")],
+    slow=[("swerve", "velocity")],
+)  # fmt: skip
 
 
 def following(controller: Controller, count: int = 60) -> list[tuple[float, Array, Array]]:

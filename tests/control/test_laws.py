@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -22,12 +23,16 @@ from rpctl import (
 )
 from rpctl.arrays import Array
 from rpctl.control.horizon.planner import Planned
+from rpctl.control.horizon.simulated import SimulatedTime, in_simulated_time
 from rpctl.control.law import Command, KinematicFunction, KinematicLaw, as_law
 from rpctl.control.registry import DYNAMIC_LAWS, KINEMATIC_LAWS, Unregistered, read_law
 from rpctl.control.twist_law import BaseLaw
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import Reference
 from rpctl.reference.named import reference_by_name
+from tests.control.catalogue import robot_of
+from tests.grids import cells
+from tests.leaning import leaning
 
 STEP = 1e-6
 APART = ("horizon", "end-effector")  # the one plans and may be late, the other needs an arm
@@ -36,6 +41,7 @@ LAWS: dict[str, Any] = {name: KINEMATIC_LAWS[name]() for name in EXACT}
 LAWS["paper, smooth sign"] = PaperKinematic(smoothing=0.3)
 
 
+@pytest.mark.parametrize("robot", ["paper", "mixed_chain"], indirect=True)
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS.keys())
 def test_the_derivative_is_that_of_the_law_along_the_actual_motion(
     robot: Robot, law: BaseLaw, rng: np.random.Generator
@@ -79,10 +85,15 @@ def test_the_derivative_holds_in_a_soft_start(paper: Robot, name: str, reference
     np.testing.assert_allclose(rate, (ahead - behind) / (2 * STEP), atol=1e-7)
 
 
-@pytest.mark.parametrize("name", EXACT)
-@pytest.mark.parametrize("robot_name", ["paper", "mecanum"])
+@pytest.mark.parametrize(
+    ("robot_name", "name"),
+    cells(
+        product(("paper", "mecanum"), EXACT),
+        [*product(["paper"], EXACT), ("mecanum", "unified"), ("mecanum", "samson")],
+    ),
+)
 def test_on_the_reference_every_law_asks_for_the_reference(name: str, robot_name: str) -> None:
-    robot = rpctl.load(robot_name)
+    robot = robot_of(robot_name)
     dynamics = ReducedDynamics(robot)
     law = read_law("kinematic", name).start(dynamics, 0.002)
     reference = reference_by_name(robot, "eight")
@@ -146,6 +157,7 @@ def run(robot: Robot, law: KinematicLaw | KinematicFunction) -> Run:
         initial_error=(0.1, 0.0, 0.0),
         kinematic=law,
         control_period=PERIOD,
+        collisions=False,
     )
 
 
@@ -177,12 +189,20 @@ def test_a_controller_started_by_hand_keeps_its_report(paper: Robot) -> None:
 
 
 COUNTED = {"solves", "fallbacks", "softened", "unplanned", "largest_lag", "largest_age"}
-COUNTED |= {"largest_delay", "restarts"}  # where a process plans
+COUNTED |= {"largest_delay"}  # where plans take time; those of a process: test_process.py
 
 
-@pytest.mark.parametrize("make", [*KINEMATIC_LAWS.values(), *DYNAMIC_LAWS.values()])
-def test_every_law_has_a_report(paper: Robot, make: Callable[[], Any]) -> None:
-    law = make()
-    robot = rpctl.load("balancer") if make is DYNAMIC_LAWS["balance"] else paper
-    report = law.start(ReducedDynamics(robot), PERIOD).report()
+REPORTING = {
+    f"{kind} {name}": make
+    for kind, laws in (("kinematic", KINEMATIC_LAWS), ("dynamic", DYNAMIC_LAWS))
+    for name, make in laws.items()
+}
+
+
+@pytest.mark.parametrize("name", REPORTING)
+def test_every_law_has_a_report(paper: Robot, name: str) -> None:
+    law = REPORTING[name]()
+    robot = leaning("balancer") if name == "dynamic balance" else paper
+    with in_simulated_time(SimulatedTime(0.05)):  # in which no process is started
+        report = law.start(ReducedDynamics(robot), PERIOD).report()
     assert set(report) == (COUNTED if isinstance(law, Horizon | EndEffector) else set())

@@ -77,7 +77,7 @@ LAWS = [(k, "paper") for k in KINEMATIC_LAWS] + [
     ("unified", d) for d in DYNAMIC_LAWS if d != "paper"
 ]
 
-SLOW = {("unified", "bounded"), ("horizon", "paper")}
+SLOW = {("horizon", "paper")}
 
 
 @pytest.mark.parametrize(("kinematic", "dynamic"), cells(LAWS, slow=SLOW))

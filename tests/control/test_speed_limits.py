@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from rpctl.control.law_kernel import running_laws
 from rpctl.control.velocity_output import VelocityOutput
 from rpctl.dynamics.motion import follow, travel
 from rpctl.errors import UnknownNameError
+from tests.grids import cells
 
 
 def limited(
@@ -50,6 +52,7 @@ def rates(robot: Robot, q: Array, nu: Array) -> dict[str, float]:
     return {n: abs(v[robot.velocity_index(n)]) / joint[n].velocity for n in names}
 
 
+@pytest.mark.parametrize("robot", ["paper", "mixed_chain"], indirect=True)
 def test_what_is_within_all_limits_is_sent_as_it_is(robot: Robot) -> None:
     wanted = np.full(robot.dof, 1e-3)
     speeds = limited(robot, wanted)
@@ -102,8 +105,9 @@ def test_a_joint_at_its_limit_slows_nothing_else(paper: Robot) -> None:
     assert speeds.limits == (Limit(joint.name, "velocity"),)
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.1, 0.5])
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize(
+    ("lag", "sign"), cells(product((0.0, 0.1, 0.5), (-1.0, 1.0)), [(0.0, 1.0), (0.5, -1.0)])
+)
 def test_a_joint_comes_to_its_position_limit_and_not_beyond(
     paper: Robot, lag: float, sign: float
 ) -> None:

@@ -223,7 +223,7 @@ UNTOLD = ((0.2, 0.1), (0.3, 0.0), (0.0, 0.1))
     cells(
         [(name, *late, P) for name in DRIVES for late in UNTOLD for P in (0.02, 0.05)],
         [("tricycle", 0.2, 0.1, 0.05)],
-        [(name, 0.2, 0.1, P) for name in DRIVES[:4] for P in (0.02, 0.05)][:-1],
+        [("car", 0.2, 0.1, 0.02), ("swerve", 0.2, 0.1, 0.05)],
     ),
 )
 def test_an_untold_lag_is_learnt_before_it_throws_the_robot_off(
@@ -262,7 +262,7 @@ LATER: dict[str, VelocityOutput] = {
             if (late, v, P) != ("steering", 2.0, 0.05)
         ],
         [("all", 2.0, 0.05)],
-        [("all", 1.5, 0.02), ("steering", 1.5, 0.05), ("steering", 2.0, 0.02)],
+        [("steering", 2.0, 0.02)],
     ),
 )
 def test_a_reference_slows_down_that_the_robot_cannot_follow(

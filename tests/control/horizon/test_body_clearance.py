@@ -24,6 +24,7 @@ from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.reference.pose_goal import goal_of_words
 from tests import urdf
 from tests.folding import folding
+from tests.grids import cells
 
 STEPS, MARGIN = 6, 0.03
 PILLAR, WALL = Disc(0.75, 0.15, 0.1), HalfPlane(-1.0, 0.0, -0.9)
@@ -119,8 +120,7 @@ def test_the_rows_are_those_of_the_nearest_joints(robot: Robot) -> None:
 CASES = {"ground": ((0.6, 0.9), "the ground"), "own base": ((0.0, 2.9), "itself")}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", cells(CASES, slow=["ground"]))
 def test_the_arm_stops_before_what_it_would_run_into(case: str, tmp_path: Path) -> None:
     (shoulder, elbow), thing = CASES[case]
     goal = goal_of_words(None, (f"shoulder={shoulder}", f"elbow={elbow}"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from rpctl.control.horizon.target import (
 )
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.reference.named import reference_by_name
+from tests.control.catalogue import robot_of
 from tests.control.horizon.whole_qp import whole_qp
 from tests.control.tight_limits import limited
 from tests.differences import slopes
@@ -72,14 +74,13 @@ def embedded(planner: Planner, values: Linearisation, start: StateDifference) ->
     return Linearisation(values.jacobian, errors, extra, soft, lower, upper)
 
 
-def sources(tmp_path: Path) -> dict[str, Robot]:
-    return {
-        "tight": limited(rpctl.load("paper"), effort=0.4, speed=0.4),
-        "car": rpctl.load(write(tmp_path, vehicle("car-like"))),
-        "omni": rpctl.load("omni"),
-        "fixed": rpctl.load("arm"),
-        "no arm": rpctl.load(write(tmp_path, platform(SET_A, extra=ball(0.9)))),
-    }
+SOURCES: dict[str, Callable[[Path], Robot]] = {
+    "tight": lambda _: limited(robot_of("paper"), effort=0.4, speed=0.4),
+    "car": lambda folder: rpctl.load(write(folder, vehicle("car-like"))),
+    "omni": lambda _: robot_of("omni"),
+    "fixed": lambda _: robot_of("arm"),
+    "no arm": lambda folder: rpctl.load(write(folder, platform(SET_A, extra=ball(0.9)))),
+}
 
 
 @pytest.mark.parametrize(
@@ -94,7 +95,7 @@ def test_it_has_the_solution_of_the_whole_qp(
     tmp_path: Path, kind: str, off: float, rng: np.random.Generator
 ) -> None:
     law = Horizon(steps=STEPS, base_obstacles=(Disc(9.0, 0.0, 0.2),))
-    planner, values, *_ = linearised(sources(tmp_path)[kind], law, off * OFF, rng)
+    planner, values, *_ = linearised(SOURCES[kind](tmp_path), law, off * OFF, rng)
     found = CondensedQp(planner.structure, values).solve(values, np.empty(0, dtype=np.intp))
     expected = whole_qp(planner, values).solution()
     assert found.solved
@@ -124,7 +125,7 @@ def test_another_initial_state_is_embedded(
 ) -> None:
     """Against the whole QP whose first step of the dynamics starts from the difference."""
     law = Horizon(steps=STEPS, base_obstacles=(Disc(9.0, 0.0, 0.2),))
-    planner, values, *_ = linearised(sources(tmp_path)[kind], law, OFF, rng)
+    planner, values, *_ = linearised(SOURCES[kind](tmp_path), law, OFF, rng)
     model = planner.model
     sizes = (3, 0.02), (len(model.joints), 0.02), (model.robot.dof, 0.05)
     start = StateDifference(*(scale * rng.normal(size=(count, 1)) for count, scale in sizes))
@@ -154,7 +155,7 @@ def test_the_gain_is_the_solutions_derivative(
 ) -> None:
     """By the initial state, one number after the other; the QP is linear where no bound changes."""
     law = Horizon(steps=STEPS, base_obstacles=(Disc(9.0, 0.0, 0.2),))
-    planner, values, *_ = linearised(sources(tmp_path)[kind], law, off * OFF, rng)
+    planner, values, *_ = linearised(SOURCES[kind](tmp_path), law, off * OFF, rng)
     qp, none = CondensedQp(planner.structure, values), np.empty(0, dtype=np.intp)
     found = qp.solve(values, none)
     joints, dof = len(planner.model.joints), planner.model.robot.dof

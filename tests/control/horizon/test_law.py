@@ -99,7 +99,7 @@ def test_an_aggressive_reference_slows_down_instead_of_tipping(
         assert gaps.max() < 0.15
 
 
-@pytest.mark.parametrize("y", cells((0.2, 0.0, -0.4), slow={0.2}))
+@pytest.mark.parametrize("y", cells((0.2, 0.0, -0.4)))  # .05 is in test_plan.py
 def test_the_base_drives_round_a_disc(paper: Robot, y: float) -> None:
     disc = Disc(1.2, y, 0.3)
     law = Horizon(base_obstacles=(disc,), base_radius=0.3)

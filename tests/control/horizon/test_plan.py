@@ -16,6 +16,7 @@ from rpctl.control.obstacles import Disc
 from rpctl.reference.motion import configuration_along, reference_rates
 from rpctl.reference.named import reference_by_name
 from tests.control.tight_limits import limited
+from tests.grids import cells
 
 BEGIN, STEP = 5.0, 0.005  # s
 OLD = Plant(computing_time=0.05)  # plans are 50 to 100 ms old
@@ -60,7 +61,7 @@ def test_a_plan_says_where_it_leads() -> None:
     np.testing.assert_allclose(followed(dynamics, plan, start, 0.5, sees=True)[0], q, atol=1e-3)
 
 
-@pytest.mark.parametrize("name", ["paper", "car", "omni"])
+@pytest.mark.parametrize("name", cells(["paper", "car", "omni"], ["car", "omni"]))
 def test_a_robot_beside_its_plan_comes_back(name: str) -> None:
     robot = rpctl.load(name)
     dynamics = ReducedDynamics(robot)
@@ -118,25 +119,26 @@ def track(robot: Robot, law: Horizon, duration: float, plant: Plant) -> Run:
 
 def test_bounds_hold_between_old_plans(paper: Robot) -> None:
     """Of an obstacle on the way, and of wheels and motors that are just quick enough."""
-    disc, robot = Disc(1.2, 0.05, 0.3), limited(paper, effort=0.6, speed=0.6)
+    disc, robot = Disc(0.9, 0.05, 0.3), limited(paper, effort=0.6, speed=0.6)
     law = Horizon(base_obstacles=(disc,), base_radius=0.3)
-    runs = [track(robot, law, 8.0, OLD) for _ in range(2)]
+    runs = [track(robot, law, duration, OLD) for duration in (6.5, 1.5)]
     summary, log = summarize(runs[0]), runs[0].log
     assert disc.distance(log.base[:, :2]).min() > 0.3 - CLOSE
-    assert log.base[-1, 0] > 1.9  # beyond it
+    assert log.base[-1, 0] > 1.5  # beyond it
     assert summary.limits_violated == ()
     report = summary.kinematic_report
     assert report["fallbacks"] == 0
     assert report["largest_delay"] == pytest.approx(0.05)
     assert 0.05 < report["largest_age"] <= 0.11
     assert any("plans of the horizon law took up to 50 ms" in note for note in runs[0].notes)
-    np.testing.assert_array_equal(log.tau, runs[1].log.tau)  # each run has the same numbers
+    again = runs[1].log.tau[:-1]  # each run has the same numbers
+    np.testing.assert_array_equal(log.tau[: len(again)], again)
 
 
 def test_what_is_corrected_meanwhile_is_not_corrected_twice(paper: Robot) -> None:
     """Plans that take .2 s begin where feedback will have brought the robot by then."""
     run = rpctl.track(
-        paper, "eight", duration=5.0, initial_error=(0.05, -0.05, -0.05), kinematic=Horizon(),
+        paper, "eight", duration=4.0, initial_error=(0.05, -0.05, -0.05), kinematic=Horizon(),
         control_period=0.01, plant_step=0.01, plant=Plant(computing_time=0.2), collisions=False,
     )  # fmt: skip
     assert np.abs(run.log.e[300:, :2]).max() < 0.02

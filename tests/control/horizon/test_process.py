@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -25,6 +25,7 @@ from rpctl.control.law import Command
 from rpctl.control.obstacles import Disc, LinearBounds
 from rpctl.reference.motion import Reference, ReferenceState
 from rpctl.reference.named import reference_by_name
+from tests.grids import cells
 
 PATIENCE = 60.0  # s that a busy machine may take
 LAW = Horizon(steps=8)
@@ -85,11 +86,6 @@ class Steps:
         until(lambda: (self.step(1e-4), self.law.solves >= wanted)[1])
 
 
-@pytest.fixture
-def steps(paper: Robot) -> Iterator[Steps]:
-    yield Steps(paper, LAW)
-
-
 def test_numbers_of_a_reference_are_the_reference(paper: Robot) -> None:
     """What a row's second derivatives leave out 12.5 ms from there is 3e-7 of a jerk."""
     ahead, read = ReadAhead(paper, 0.1), NumbersAhead(41, 0.1)
@@ -136,8 +132,12 @@ def test_a_plan_from_a_process_is_the_plan(paper: Robot) -> None:
             np.testing.assert_allclose(one, other, atol=2e-3)
 
 
-def test_it_goes_on_when_its_process_dies(steps: Steps) -> None:
-    """With the plan that it has, then with its fallback, and then with plans of another process."""
+def test_it_goes_on_when_its_process_dies_or_does_not_answer(paper: Robot) -> None:
+    """With the plan that it has, then with its fallback, and then with plans of another process.
+
+    A process ends with its law.
+    """
+    steps = Steps(paper, LAW)
     steps.until_solved()
     report, before = steps.law.report(), steps.pid
     assert report["restarts"] == 0
@@ -151,26 +151,20 @@ def test_it_goes_on_when_its_process_dies(steps: Steps) -> None:
     assert steps.law.unplanned == unplanned + 1
     steps.until_solved(2)
     assert steps.pid != before
+    assert not gone(steps.pid)
     assert "ended, or did not answer, 1 times; rpctl started it again" in steps.law.notes()[-1]
 
-
-def test_one_that_does_not_answer_is_replaced(steps: Steps) -> None:
-    steps.until_solved()
-    before = steps.pid
+    before = steps.pid  # of which there will be no answer
     os.kill(before, signal.SIGSTOP)
     for _ in range(220):  # of 20 ms; five horizons are 4 s
         steps.step(0.02)
     assert gone(before)
-    assert steps.law.report()["restarts"] == 1
+    assert steps.law.report()["restarts"] == 2
     steps.until_solved(2)
-
-
-def test_a_process_ends_with_its_law(paper: Robot) -> None:
-    steps = Steps(paper, LAW)
-    pid = steps.pid
-    assert not gone(pid)
+    last = steps.pid
+    assert not gone(last)
     del steps.law
-    assert gone(pid)
+    assert gone(last)
 
 
 def test_settings_that_cannot_be_sent_are_refused(paper: Robot) -> None:
@@ -230,8 +224,14 @@ def script(then: str = "", last: str = "", count: int = 1) -> subprocess.Popen[s
     )
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("told", [None, signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+# One that ends by itself is the fork's parent; SIGTERM ends Python as SIGKILL does.
+@pytest.mark.parametrize(
+    "told",
+    cells(
+        [None, signal.SIGINT, signal.SIGTERM, signal.SIGKILL],
+        slow=[signal.SIGINT, signal.SIGKILL],
+    ),
+)
 def test_no_process_is_left(told: signal.Signals | None) -> None:
     with script(last="time.sleep(60)" if told else "") as process:
         assert process.stdout is not None
