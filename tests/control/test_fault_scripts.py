@@ -36,7 +36,8 @@ def test_a_robot_comes_back_from_a_fault_without_a_blow(fault: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "seed"), cells([("paper", 1155), ("tiago", 2000)], [("paper", 1155)])
+    ("name", "seed"),
+    cells([("paper", 1155), ("tiago", 2000)], [("paper", 1155)], [("tiago", 2000)]),
 )
 def test_faults_that_come_together(name: str, seed: int) -> None:
     """Two jumps of a pose in one sample: .24 m off after 5 s. NaN and losses: a leap of 42 %."""
