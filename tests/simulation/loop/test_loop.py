@@ -40,7 +40,7 @@ COARSE: dict[str, Any] = {
     "plant_step": 0.01,
 }  # s; where no rounding is looked for
 TURNS = list(product(("paper", "mixed_chain", "tiago_dual"), ("circle", "spin", "eight")))
-TURNS_IN_CI = {("paper", "spin"), ("mixed_chain", "circle")}
+TURNS_IN_CI = {("paper", "spin")}
 PATHS = ("line", "reverse", "spin", "circle", "eight")
 
 
@@ -123,7 +123,7 @@ def test_robots_track_where_the_base_turns(name: str, reference: str) -> None:
     assert (figures.final_end_effector_error or np.inf) < 0.01
 
 
-@pytest.mark.parametrize("reference", cells(("line", "reverse"), slow={"line", "reverse"}))
+@pytest.mark.parametrize("reference", cells(("line", "reverse"), slow={"line"}))
 def test_the_papers_law_keeps_the_lateral_error_of_a_line(paper: Robot, reference: str) -> None:
     figures = summarize(
         track(
@@ -137,7 +137,7 @@ def test_the_papers_law_keeps_the_lateral_error_of_a_line(paper: Robot, referenc
     assert figures.final_lateral_error == pytest.approx(0.2, abs=1e-3)
 
 
-@pytest.mark.parametrize("reference", cells(PATHS, slow={"line", "spin"}))
+@pytest.mark.parametrize("reference", cells(PATHS, slow={"line"}))
 def test_the_default_law_beats_the_papers_on_every_reference(paper: Robot, reference: str) -> None:
     """A smaller error from the same start, the lateral one of a line gone, no limit broken."""
     ours, theirs = (
