@@ -38,7 +38,6 @@ ROBOTS = {  # quasi-velocities, drive
     "ur5": (6, "fixed"),
 }
 OWN = tuple(entry.name for entry in ENTRIES if entry.own and not entry.leans)
-QUICK_WALKS = {"paper"}
 SLOW_WALKS = {"arm", "car", "mecanum", "tiago"}
 LIMITS_KEPT = {"mixed_chain", "tricycle"}  # by plain `track` in CI
 ON_AXLES = [
@@ -78,7 +77,7 @@ def test_there_is_an_own_robot_of_every_drive() -> None:
     assert {ROBOTS[name][1] for name in OWN} == BASE_SPEEDS.keys() - set(LEANING)
 
 
-@pytest.mark.parametrize("name", cells(ROBOTS, QUICK_WALKS, SLOW_WALKS))
+@pytest.mark.parametrize("name", cells(ROBOTS, slow=SLOW_WALKS))
 def test_a_robot_walks_from_its_description_to_its_report(name: str, tmp_path: Path) -> None:
     dof, drive = ROBOTS[name]
     facts = json_of("inspect", name)

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -237,6 +238,15 @@ def test_help_has_panels_and_the_robot_s_comes_last() -> None:
     )
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write files in place of page and picture."""
+    page = b"page", SimpleNamespace(notes=())
+    monkeypatch.setattr(run_folder, "sized_report", lambda *_: page)
+    monkeypatch.setattr(run_folder, "tracking_image", lambda _: b"picture")
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_a_second_run_leaves_the_first_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -248,6 +258,7 @@ def test_a_second_run_leaves_the_first_alone(
     assert run_json(*words, "--out", str(folders[1]))["report"] == f"{folders[1]}/report.html"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_ctrl_c_while_the_report_is_drawn_leaves_run_and_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -267,6 +278,7 @@ def test_ctrl_c_while_the_report_is_drawn_leaves_run_and_report(
     ]  # fmt: skip
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_picture_without_its_extra_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

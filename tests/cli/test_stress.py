@@ -145,15 +145,8 @@ def test_a_ctrl_c_tells_how_to_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 @pytest.mark.slow
 def test_a_worst_case_is_replayed_by_its_file(tmp_path: Path) -> None:
-    words = [
-        "--plants",
-        "rolling",
-        "--stresses",
-        "payload,slope",
-        "--laws",
-        "paper+paper",
-        "--quick",
-    ]
+    words = ["--plants", "rolling", "--stresses", "payload,slope", "--laws", "paper+paper"]
+    words += ["--quick"]
     more = ["--duration", "1", "--combinations", "1", "--workers", "1", "--out", str(tmp_path)]
     shown = run("paper", *words, *more)
     line = next(line for line in shown.stdout.splitlines() if "worst-1.toml --out" in line)

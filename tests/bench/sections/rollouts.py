@@ -15,6 +15,7 @@ from tests.bench.rows import Row, Section
 COMMAND = "python -m tests.bench.table --only rollouts"
 SECONDS, PERIOD = 10.0, 0.001
 COUNT, RATIO_GOAL = 1000, 25.0
+FEW = 24  # of them, for a quick look
 MANY, MANY_GOAL = 100_000, 60.0  # runs of the paper's robot, s
 SCATTER = {
     "run.initial_error.x": Normal(0.0, 0.05),
@@ -25,10 +26,10 @@ SCATTER = {
 
 def section(quick: bool) -> Section:
     """Return what many runs take; quick measures some, the others in proportion."""
-    took, theirs = _ours(80 if quick else COUNT), _mujoco(4 if quick else 40)
+    took, theirs = _ours(FEW if quick else COUNT), _mujoco(1 if quick else 40)
     what = f"{COUNT} runs of 10 s at 1 kHz, TIAGo"
     peer = "MuJoCo's rollout, open loop"
-    part, whole = (1000, 4000) if quick else (4000, MANY)
+    part, whole = (256, 768) if quick else (4000, MANY)
     few, many = (_paper(count) for count in (part, whole))
     scaled = few["seconds"] + (many["seconds"] - few["seconds"]) / (whole - part) * (MANY - part)
     paper = "python -m tests.bench.paper_rollouts {}".format
@@ -48,11 +49,11 @@ def section(quick: bool) -> Section:
     note = (
         "Closed loops with scattered starts, all on one core, preparation from a cached loop "
         "included; MuJoCo's runs have no controller and are done one after the other, "
-        f"{4 if quick else 40} of them measured. Memory is the largest of a whole process that "
+        f"{1 if quick else 40} of them measured. Memory is the largest of a whole process that "
         "does chunks of 256 runs and keeps none of them."
     )
     if quick:
-        note += f" Quick: {80} and {whole} runs were measured, the others are in proportion."
+        note += f" Quick: {FEW} and {whole} runs were measured, the others are in proportion."
     return Section("Thousands of closed loops", rows, note)
 
 

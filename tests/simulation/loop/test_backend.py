@@ -197,7 +197,8 @@ def test_a_robot_that_is_lost_is_told_and_stopped_in_both(paper: Robot) -> None:
     """Machine code let it go on, and only a controller on a robot stopped it."""
     plant = Plant(tau_bias={"wheel_*": -1.2})
     limits = LimitOverrides({"wheel_*": 1.0})  # less than what pulls it back
-    one, other = both(paper, Config(run=RunSettings("line", 4.0), limits=limits, plant=plant))
+    coarse = RunSettings("line", 4.0, control_period=0.01, plant_step=0.01)
+    one, other = both(paper, Config(run=coarse, limits=limits, plant=plant))
     require_same(one, other)
     assert "ran in Python, not as machine code: the robot is lost" in one.notes[0]
     assert other.notes[0] in one.notes[1]

@@ -29,7 +29,7 @@ def tug(tmp_path_factory: pytest.TempPathFactory) -> Robot:
 
 def test_a_trailer_that_is_pulled_follows(tug: Robot) -> None:
     """On a circle it settles where its axle, too, heads about the centre."""
-    run = rpctl.track(tug, "circle", duration=20.0)
+    run = rpctl.track(tug, "circle", duration=20.0, collisions=False)
     assert summarize(run).outcome == "tracked"
     radius, hitch, length = abs(run.nu[-1, 0] / run.nu[-1, 1]), 0.4, 0.7
     swung = tug.joint_position(run.q[-1], "cart_hitch")
@@ -43,13 +43,12 @@ def _settled(radius: float, hitch: float, length: float) -> float:
 
 def test_a_trailer_that_folds_is_told(tug: Robot) -> None:
     """Turning on the spot folds it: outcome, and exit code 1."""
-    run = rpctl.track(tug, "spin", duration=12.0)
+    run = rpctl.track(tug, "spin", duration=12.0, collisions=False)
     assert summarize(run).outcome == "jack-knifed"
     assert "cart_hitch leaves -80.2° to 80.2°" in summarize(run).outcome_sentence
 
 
-@pytest.mark.parametrize("count", [1, 2, 3])
-@pytest.mark.parametrize("at", ["track", "controller"])
+@pytest.mark.parametrize(("at", "count"), [("track", 2), ("controller", 1)])
 def test_a_trailer_is_not_pushed(tmp_path: Path, at: str, count: int) -> None:
     """No law holds its hitch: refused before the start, with the way out."""
     parts, places = start(), [("base", "-0.4 0.03 0.2"), *2 * [("{}_body", "-0.8 0 0")]]

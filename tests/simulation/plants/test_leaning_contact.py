@@ -120,10 +120,10 @@ def test_props_are_refused() -> None:
         LeaningMotion(robot, ContactSettings(props=True), MU, placed(robot, 0.0))
 
 
-@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("name", cells(OWN, ["balancer"], ["wheel_legs"]))
 def test_it_stays_upright_on_contact(name: str) -> None:
     robot = leaning(name)
-    run = rpctl.track(robot, "line", duration=1.5, plant=Plant(kind="contact"), collisions=False)
+    run = rpctl.track(robot, "line", duration=1.0, plant=Plant(kind="contact"), collisions=False)
     assert max(abs(robot.tilt(q)) for q in run.q[::50]) < 0.3
     assert np.abs(run.log.e[-1, :3]).max() < 0.2
 

@@ -108,7 +108,7 @@ def test_a_bicycle_across_a_slope_is_plumb() -> None:
     assert np.abs(acceleration).max() < 1e-7 and abs(rest.tau[0]) < 1e-2
 
 
-@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("name", cells(OWN, ["balancer"], ["whipple"]))
 def test_energy_is_kept(name: str) -> None:
     """A robot that nothing drives, and that falls and rolls off, keeps it."""
     robot = leaning(name)
