@@ -20,7 +20,7 @@ def section(quick: bool) -> Section:
     samples, rows = 1000 if quick else 15000, []
     for name in ("tiago",) if quick else ("tiago", "swerve"):
         robot = rpctl.load(name)
-        for output in ("effort", "velocity"):
+        for output in ("effort",) if quick else ("effort", "velocity"):
             machine, virtual = (
                 np.quantile(step_seconds(robot, output, compiled, samples), [0.5, 0.99, 0.999])
                 * 1e6

@@ -39,8 +39,10 @@ def section(quick: bool) -> Section:
     rows = tuple(Row(name, each, "ms", COMMAND) for name, each in median.items())
     most = 1e3 * float(np.percentile(found[WHOLE][1:], 99.0))
     rows += (Row(f"{WHOLE}, 99 %", most, "ms", COMMAND),)
-    rows += tuple(row for name in ROBOTS[quick:] for row in paced_rows(name, duration))
-    rows += tuple(row for name in LEANING[: 2 - quick] for row in leaning_rows(name, duration))
+    rows += tuple(row for name in ROBOTS[1 if quick else 0 :] for row in paced_rows(name, duration))
+    rows += tuple(
+        row for name in LEANING[: 1 if quick else None] for row in leaning_rows(name, duration)
+    )
     note = (
         f"TIAGo, 20 steps ahead, medians over {duration:g} s of a figure-eight that starts where "
         "limits bind. What is left of a sample is prediction and bookkeeping. Steps: at 500 Hz in "

@@ -15,7 +15,7 @@ from tests.bench.rows import Row, Section
 COMMAND = "python -m tests.bench.table --only rollouts"
 SECONDS, PERIOD = 10.0, 0.001
 COUNT, RATIO_GOAL = 1000, 25.0
-FEW = 24  # of them, for a quick look
+FEW = 16  # of them, for a quick look
 MANY, MANY_GOAL = 100_000, 60.0  # runs of the paper's robot, s
 SCATTER = {
     "run.initial_error.x": Normal(0.0, 0.05),

@@ -37,14 +37,14 @@ def section(quick: bool) -> Section:
             ("verify tiago", VERIFY_GOAL),
             *(
                 (f"track {robot} --reference line --duration 40", TRACK_GOAL)
-                for robot in (TRACKED[:1] if quick else TRACKED)
+                for robot in TRACKED[: 1 if quick else None]
             ),
         ]
         for text, goal in commands:
             where = ["--out", str(Path(out, "run"))] if text.startswith("track") else []
             took = process_seconds(rounds, "-m", "rpctl", *text.split(), *where)
             rows.append(Row(f"`rpctl {text}`", took, "s", f"rpctl {text}", goal=goal))
-    run = rpctl.track(rpctl.load("tiago"), "eight", duration=10.0)
+    run = rpctl.track(rpctl.load("paper" if quick else "tiago"), "eight", duration=10.0)
     tracking_image(run)  # imports Matplotlib, finds fonts
     took = cpu_seconds(lambda: tracking_image(run), rounds=max(1, rounds))
     command = "rpctl.view.plots.figures.tracking_image(run)"
