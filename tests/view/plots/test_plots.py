@@ -41,7 +41,7 @@ def test_all_panels_of_a_mobile_manipulator(paper_run: Run) -> None:
     ]
 
 
-@pytest.mark.parametrize("name", cells(("tiago_dual", "panda"), (), ("panda",)))
+@pytest.mark.parametrize("name", cells(("tiago_dual", "panda", "arm"), (), ("arm",)))
 def test_many_joints_and_fixed_bases(name: str) -> None:
     robot = rpctl.load(name)
     run = short_run(robot, 0.2)
