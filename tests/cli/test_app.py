@@ -9,7 +9,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -119,7 +118,7 @@ def test_track_writes_everything(tmp_path: Path) -> None:
 def test_track_asks_for_a_browser_before_it_simulates(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "playwright.sync_api", None)
+    monkeypatch.setitem(sys.modules, "playwright", None)
     code, _, err = run("track", "paper", "--png", "--out", str(tmp_path / "run"))
     assert code == 2
     assert "rpctl[film]" in err
@@ -240,14 +239,6 @@ def test_help_has_panels_and_the_robot_s_comes_last() -> None:
     assert "[plant] of the configuration" in " ".join(
         run("track", "--help")[1].replace("│", " ").split()
     )
-
-
-@pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Write files in place of page and picture."""
-    page = b"page", SimpleNamespace(notes=())
-    monkeypatch.setattr(run_folder, "sized_report", lambda *_: page)
-    monkeypatch.setattr(run_folder, "tracking_image", lambda _: b"picture")
 
 
 @pytest.mark.usefixtures("undrawn")

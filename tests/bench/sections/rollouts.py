@@ -29,7 +29,7 @@ def section(quick: bool) -> Section:
     took, theirs = _ours(FEW if quick else COUNT), _mujoco(1 if quick else 40)
     what = f"{COUNT} runs of 10 s at 1 kHz, TIAGo"
     peer = "MuJoCo's rollout, open loop"
-    part, whole = (256, 768) if quick else (4000, MANY)
+    part, whole = (64, 256) if quick else (4000, MANY)
     few, many = (_paper(count) for count in (part, whole))
     scaled = few["seconds"] + (many["seconds"] - few["seconds"]) / (whole - part) * (MANY - part)
     paper = "python -m tests.bench.paper_rollouts {}".format
