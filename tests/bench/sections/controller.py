@@ -40,7 +40,8 @@ def section(quick: bool) -> Section:
 
 def step_seconds(robot: rpctl.Robot, output: str, compiled: bool, samples: int) -> Array:
     """Return the processor time, s, of each step (samples,) of a run but the first thousand."""
-    run = rpctl.track(robot, "eight", duration=20.0, control_period=PERIOD, collisions=False)
+    lasts = min(20.0, (samples + 1000) * PERIOD)
+    run = rpctl.track(robot, "eight", duration=lasts, control_period=PERIOD, collisions=False)
     controller = rpctl.Controller(robot, "eight", period=PERIOD, output=output, compiled=compiled)
     seconds = np.empty(samples + 1000)
     for k in range(len(seconds)):
