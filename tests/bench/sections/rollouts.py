@@ -26,8 +26,9 @@ SCATTER = {
 
 def section(quick: bool) -> Section:
     """Return what many runs take; quick measures some, the others in proportion."""
-    took, theirs = _ours(FEW if quick else COUNT), _mujoco(1 if quick else 40)
-    what = f"{COUNT} runs of 10 s at 1 kHz, TIAGo"
+    robot = rpctl.load("paper" if quick else "tiago")
+    took, theirs = _ours(robot, FEW if quick else COUNT), _mujoco(robot, 1 if quick else 40)
+    what = f"{COUNT} runs of 10 s at 1 kHz, {'paper' if quick else 'TIAGo'}"
     peer = "MuJoCo's rollout, open loop"
     part, whole = (64, 256) if quick else (4000, MANY)
     few, many = (_paper(count) for count in (part, whole))
@@ -57,9 +58,8 @@ def section(quick: bool) -> Section:
     return Section("Thousands of closed loops", rows, note)
 
 
-def _ours(count: int) -> float:
+def _ours(robot: rpctl.Robot, count: int) -> float:
     """Return the processor time of :data:`COUNT` runs, s, of which some are done."""
-    robot = rpctl.load("tiago")
 
     def runs(number: int) -> float:
         began = time.process_time()
@@ -82,8 +82,8 @@ def _ours(count: int) -> float:
     return few + (more - few) / (count - 8) * (COUNT - 8)
 
 
-def _mujoco(count: int) -> float:
-    peer = MujocoPeer(rpctl.load("tiago"), PERIOD)
+def _mujoco(robot: rpctl.Robot, count: int) -> float:
+    peer = MujocoPeer(robot, PERIOD)
     return COUNT / count * peer.rollouts(count, round(SECONDS / PERIOD))
 
 
