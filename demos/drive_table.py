@@ -3,7 +3,11 @@
 The residual is the largest of the certificate's checks over 20 random states, but for those that
 take differences; errors are the base's over one lap of 20 s, which starts 0.14 m and 0.1 rad off. A
 fixed base moves its arm alone: there the errors are those of the end effector.
+
+Usage: python demos/drive_table.py [drives, all if left out]
 """
+
+import sys
 
 import rpctl
 from rpctl.drive.drive import BASE_SPEEDS
@@ -14,10 +18,10 @@ OFF = (0.1, -0.1, 0.1)  # m, m, rad
 START = (0.0, 0.0, 0.0)
 
 
-def main() -> None:
+def main(*drives: str) -> None:
     robots = [rpctl.load(entry.name) for entry in ENTRIES if entry.own]
     print(f"{'drive':15} {'robot':13} {'residual':8} {'rms':>9} {'final':>12}")
-    for drive in BASE_SPEEDS:
+    for drive in drives or BASE_SPEEDS:
         for robot in (robot for robot in robots if robot.drive.type == drive):
             checks = rpctl.verify(robot, samples=20).checks
             residual = max(check.residual for check in checks if check.limit < DIFFERENCE_TOLERANCE)
@@ -32,4 +36,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

@@ -3,8 +3,11 @@
 The base is drawn here with the dimensions that its maker publishes; the arm is the catalogue's UR5,
 joined to it. A skid-steer base scrubs, and turns as on a wider track: 2.2 times as wide in this
 contact, which is declared.
+
+Usage: python demos/husky_ur5.py [SECONDS, 16 if left out]
 """
 
+import sys
 import tempfile
 from pathlib import Path
 from xml.etree import ElementTree
@@ -82,7 +85,7 @@ def husky() -> rpctl.Robot:
         return rpctl.load(whole, drive=drive, home=HOME, package_dirs=[str(file.parents[4])])
 
 
-def main() -> None:
+def main(duration: float = 16.0) -> None:
     robot = husky()
     plant = rpctl.Plant(
         kind="contact",
@@ -99,7 +102,7 @@ def main() -> None:
         initial_error=(0.1, 0.15, 0.2),
         size=2.0,
         speed=0.45,
-        duration=16.0,
+        duration=duration,
         collisions=False,
     )
     story = Story(
@@ -117,4 +120,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*map(float, sys.argv[1:]))

@@ -2,8 +2,11 @@
 
 Once the reference passes every row, once it is smoothed by as much as the noise asks for, and once
 an eight driven 2.5 times as fast is smoothed and then slowed down where the robot's limits bind.
+
+Usage: python demos/noisy_csv.py [another robot]
 """
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +24,10 @@ def record(path: Path, duration: float) -> None:
     np.savetxt(path, rows, delimiter=",", header="t,x,y", comments="")
 
 
-def main() -> None:
+def main(name: str = "tiago") -> None:
     folder = Path("runs/noisy-csv")
     folder.mkdir(parents=True, exist_ok=True)
-    robot, slow, fast = rpctl.load("tiago"), folder / "slow.csv", folder / "fast.csv"
+    robot, slow, fast = rpctl.load(name), folder / "slow.csv", folder / "fast.csv"
     record(slow, 20.0)
     record(fast, 8.0)
     for file, smooth, retime in ((slow, None, False), (slow, "auto", False), (fast, "auto", True)):
@@ -36,4 +39,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

@@ -3,8 +3,11 @@
 Once only its base keeps clear, as a disc, and the arm that reaches beyond it hits both; once all
 its links do. How near its links came is looked for afterwards with their collision shapes; how
 near the eight itself would have led the base is computed here.
+
+Usage: python demos/obstacles.py [SECONDS, 29.5 if left out]
 """
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +20,14 @@ WALL = -0.95  # m: it stands at this y
 DURATION = 29.5  # s: a lap, and on until the wall is behind it
 
 
-def main() -> None:
+def main(duration: float = DURATION) -> None:
     around = rpctl.Disc(X, Y, RADIUS), rpctl.HalfPlane(0.0, 1.0, WALL)
     robot, runs = rpctl.load("tiago"), []
     for name, clearance in (("base", None), ("links", MARGIN)):
         law = rpctl.Horizon(
             base_obstacles=around, base_radius=BASE + MARGIN, body_clearance=clearance
         )
-        run = rpctl.track(robot, "eight", kinematic=law, duration=DURATION)
+        run = rpctl.track(robot, "eight", kinematic=law, duration=duration)
         summary = rpctl.summarize(run)
         print(f"{name:5} keep clear: {summary.outcome}, {len(summary.collisions)} collisions")
         for near in summary.clearances:
@@ -40,4 +43,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*map(float, sys.argv[1:]))

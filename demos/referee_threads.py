@@ -2,9 +2,12 @@
 
 Gazebo, Isaac Lab, Genesis and Webots are not asked: their threads are rebuilt in the engine at
 hand that has the same fault. An engine that is not installed is left out.
+
+Usage: python demos/referee_threads.py [names of the robots, all if left out]
 """
 
 import math
+import sys
 import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -189,10 +192,10 @@ def judge(thread: Thread, engine: Engine, folder: Path) -> EngineVerdict:
     return Referee(thread.load(folder), duration=DURATION).judge(engine)
 
 
-def main() -> None:
+def main(*robots: str) -> None:
     for thread in (*THREADS, *TURNS):
         found, _ = installed_engines([thread.engine])
-        if not found:
+        if not found or (robots and thread.robot not in robots):
             continue
         with tempfile.TemporaryDirectory() as folder:
             verdict = judge(thread, found[0], Path(folder))
@@ -201,4 +204,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

@@ -2,7 +2,11 @@
 
 The share of the grip that the motion needs is predicted from wheels that only roll. On tyres the
 same motion takes some slip, and beyond all of the grip the robot slides out of the circle.
+
+Usage: python demos/slipping.py [speeds in m/s, four if left out]
 """
+
+import sys
 
 import numpy as np
 
@@ -12,10 +16,10 @@ FRICTION, RADIUS = 0.1, 0.6  # of tyres on ice; m: no wheel is asked more than i
 SPEEDS = (0.4, 0.5, 0.55, 0.6)  # m/s
 
 
-def main() -> None:
+def main(*speeds: float) -> None:
     robot = rpctl.load("paper")
     print("speed m/s   grip needed   slip of a tyre mm/s   off the circle mm   outcome")
-    for speed in SPEEDS:
+    for speed in speeds or SPEEDS:
         rolling, slipping = (
             rpctl.track(
                 robot,
@@ -39,4 +43,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*map(float, sys.argv[1:]))

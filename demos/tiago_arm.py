@@ -1,8 +1,11 @@
 """TIAGo as its ROS controllers take it: the base by twist, the arm by positions, at 100 Hz.
 
 The base obeys later than the arm; each is predicted over its own dead time.
+
+Usage: python demos/tiago_arm.py [SECONDS, 14 if left out]
 """
 
+import sys
 from pathlib import Path
 
 from on_a_robot import Story, draw
@@ -27,7 +30,7 @@ ARM = rpctl.OutputGroup(
 )
 
 
-def main() -> None:
+def main(duration: float = 14.0) -> None:
     plant = rpctl.Plant(
         kind="contact",
         encoder_bits=14,
@@ -41,7 +44,7 @@ def main() -> None:
         plant=plant,
         control_period=0.01,
         initial_error=(0.1, -0.1, 0.2),
-        duration=14.0,
+        duration=duration,
         collisions=False,
     )
     story = Story(
@@ -59,4 +62,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*map(float, sys.argv[1:]))

@@ -1,8 +1,11 @@
 """A TurtleBot3 Burger by /cmd_vel at 20 Hz, which it obeys a tenth of a second late.
 
 Its dimensions are those of ROBOTIS: a track of 160 mm, wheels of 33 mm, .22 m/s, 2.84 rad/s.
+
+Usage: python demos/turtlebot.py [SECONDS, 24 if left out]
 """
 
+import sys
 from pathlib import Path
 
 from on_a_robot import Story, draw
@@ -13,7 +16,7 @@ PERIOD = 0.05  # s
 URDF = Path(__file__).with_name("burger.urdf")
 
 
-def main() -> None:
+def main(duration: float = 24.0) -> None:
     robot = rpctl.load(URDF)
     plant = rpctl.Plant(
         kind="contact",
@@ -38,7 +41,7 @@ def main() -> None:
             initial_error=(0.05, 0.1, 0.3),
             size=0.5,
             speed=0.16,
-            duration=24.0,
+            duration=duration,
             collisions=False,
         )
         for lag, dead_time in ((0.06, 0.1), (0.0, 0.0))
@@ -58,4 +61,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*map(float, sys.argv[1:]))

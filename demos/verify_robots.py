@@ -1,14 +1,18 @@
-"""The certificate of every robot of the catalogue: independent derivations agree to rounding."""
+"""The certificate of every robot of the catalogue: independent derivations agree to rounding.
 
+Usage: python demos/verify_robots.py [names of robots, all if left out]
+"""
+
+import sys
 import time
 
 import rpctl
 from rpctl.robot.catalog import names
 
 
-def main() -> None:
+def main(*chosen: str) -> None:
     start = time.perf_counter()
-    for name in names():
+    for name in chosen or names():
         try:
             certificate = rpctl.verify(rpctl.load(name), samples=20)
         except rpctl.RpctlError as error:
@@ -25,4 +29,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

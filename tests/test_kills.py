@@ -22,10 +22,11 @@ from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.run.part import PART_FOLDER, chunk_files
 from rpctl.view.labels import digest, mark_of
 from rpctl.view.run_folder import find_faults
+from tests.grids import cells
 
 # Every kill is at another moment of the command, from its start to behind its end.
-# A run and a configuration are what one would miss; the others are killed before a release.
-KILLS = [pytest.param(3, marks=pytest.mark.slow), pytest.param(50, marks=pytest.mark.thorough)]
+# A run is what one would miss; the others are killed before a release.
+KILLS = cells((1, 50), slow=[1])
 SIMULATED = ("track", "paper", "--samples", "0", "--no-perturbed", "--duration")
 LONG_S, LONG_ROWS = "6", 3001  # of several chunks
 
@@ -191,7 +192,7 @@ def test_killed_plot(count: int, paper: rpctl.Robot, tmp_path: Path) -> None:
         assert {*files(folder)} <= {"figure.pdf", "run.npz"}
 
 
-@pytest.mark.parametrize("count", KILLS)
+@pytest.mark.parametrize("count", KILLS[1:])
 def test_killed_save_of_a_configuration(count: int, tmp_path: Path) -> None:
     folder = tmp_path / "work"
     folder.mkdir()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner
 
 from rpctl.cli.app import app
@@ -52,6 +53,7 @@ def test_inspect_finds_that_a_robot_does_not_stand(tmp_path: Path) -> None:
     assert "does not stand" not in said("inspect", "paper")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_doubtful_of_the_drive_is_told_with_the_proof_and_before_the_run(
     tmp_path: Path,
 ) -> None:
@@ -69,10 +71,19 @@ def test_what_is_doubtful_of_the_drive_is_told_with_the_proof_and_before_the_run
     )
     told = "4 parallel wheels: rpctl assumes ordinary ones, skid-steer"
     assert f"doubtful, {told}" in " ".join(said("verify", path, "--samples", "1").split())
-    words = ("--samples", "0", "--duration", "0.1", "--out", str(tmp_path / "out"))
+    words = (
+        "--samples",
+        "0",
+        "--no-perturbed",
+        "--duration",
+        "0.1",
+        "--out",
+        str(tmp_path / "out"),
+    )
     assert f"doubt {told}" in " ".join(said("track", path, *words).split())
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_track_refuses_a_joint_too_weak_for_gravity_unless_it_may_sink(tmp_path: Path) -> None:
     path, folder = level_arm(tmp_path, 5.0), str(tmp_path / "run")
     words = ("track", path, "--home", "zero", "--duration", "0.02", "--out", folder)

@@ -120,26 +120,23 @@ def began(folder: Path) -> Counter[int]:
 def test_one_worker_is_killed_and_one_joins_late(dask: DaskProcesses, tmp_path: Path) -> None:
     log = tmp_path / "log"
     log.mkdir()
-    chunks, found = chunks_of(60), {}
-    first, second = dask.start_worker(), dask.start_worker()
-    third = None
+    chunks, found = chunks_of(20), {}
+    first, second = dask.start_worker(), None
     with DaskExecutor(dask.address) as executor:
-        while executor.workers < 2:
-            time.sleep(0.05)
         work = partial(chunk_works.draw_and_log, log, 0.3)
         for chunk, result in executor.map_chunks(work, iter(chunks)):
             assert chunk not in found
             found[chunk] = result
-            if len(found) == 10:
-                third = dask.start_worker()
-                while executor.workers < 3:  # it takes long to start on a busy machine
+            if len(found) == 3:
+                second = dask.start_worker()
+                while executor.workers < 2:  # it takes long to start on a busy machine
                     time.sleep(0.05)
                 first.kill()
                 first.wait()
     assert_same(found, chunks)
-    assert third is not None
+    assert second is not None
     counts = began(log)
-    assert min(counts[each.pid] for each in (first, second, third)) >= 1
+    assert min(counts[each.pid] for each in (first, second)) >= 1
     assert len(list(log.iterdir())) > len(chunks)  # what was killed was begun again
 
 

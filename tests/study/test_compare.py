@@ -132,6 +132,11 @@ def test_a_robot_that_leans_gets_laws_that_balance_it() -> None:
     assert list(map(str, controllers(robot=robot))) == ["unified+balance", "horizon+balance"]
     assert controllers(["kanayama"], robot=robot) == [LawPair("kanayama", "balance")]
     assert controllers(["paper+paper"], robot=robot) == [PAPER]  # and its row says why not
+
+
+@pytest.mark.slow
+def test_what_is_proposed_for_a_robot_that_leans_runs() -> None:
+    robot = rpctl.load("balancer")
     found = ran(robot, "nominal", "line", proposed(robot))
     assert found.failure is None
     assert found.peak_effort is not None

@@ -103,7 +103,7 @@ def replayed(robot: Robot, result: StudyResult) -> None:
     """Check that the configurations of the worst runs replay them."""
     merit = result.runs.merits[result.merit]
     assert result.worst[0].run == int(np.argmax(merit))
-    for each in result.worst[:2]:
+    for each in result.worst[:1]:
         config = read_config(each.config)
         known = config.limits.apply(robot)
         run = simulate(known, config, config.run.load_reference(known), collisions=False)

@@ -47,7 +47,7 @@ def paper_run(paper: Robot) -> Run:
 
 @pytest.fixture(scope="session")
 def tiago_run(tiago: Robot) -> Run:
-    return short_run(tiago)
+    return short_run(tiago, 0.2)
 
 
 @pytest.fixture(scope="session")

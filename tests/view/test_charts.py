@@ -16,6 +16,7 @@ from rpctl.view.pages.motion_data import (
     MAX_POINTS,
     chart_data,
 )
+from tests.grids import cells
 from tests.leaning import leaning
 from tests.runs import vary
 
@@ -108,11 +109,21 @@ def test_no_peak_is_lost(paper_run: Run) -> None:
     assert times[drawn.argmin()] == pytest.approx(run.t[4_321], abs=step)
 
 
-@pytest.mark.parametrize(("name", "other"), [("balancer", "roll"), ("whipple", "pitch")])
-def test_the_tilt_is_drawn_against_what_nothing_raises(name: str, other: str) -> None:
+LEANING = ("balancer", "roll"), ("whipple", "pitch")
+
+
+@pytest.fixture(scope="module")
+def upright() -> Run:
+    """Return a short run of a balancer."""
+    return rpctl.track(leaning("balancer"), "line", duration=0.02, collisions=False)
+
+
+@pytest.mark.parametrize(("name", "other"), cells(LEANING, LEANING[:1], LEANING[1:]))
+def test_the_tilt_is_drawn_against_what_nothing_raises(upright: Run, name: str, other: str) -> None:
     """1.2 rad either way; headings change nothing; a bicycle hardly pitches as it rolls."""
-    robot = leaning(name)
-    run = rpctl.track(robot, "line", duration=0.02, collisions=False)
+    robot, run = leaning(name), upright
+    if name == "whipple":
+        run = rpctl.track(robot, "line", duration=0.02, collisions=False)
     tilts, headings = (np.linspace(*ends, len(run.t)) for ends in ((-0.7, 0.9), (-3.0, 3.0)))
     q = [robot.configuration(theta=h, tilt=x) for h, x in zip(headings, tilts, strict=True)]
     found = chart(vary(run, q=np.array(q)), "Tilt")
@@ -123,12 +134,11 @@ def test_the_tilt_is_drawn_against_what_nothing_raises(name: str, other: str) ->
     assert np.abs(lines[other]).max() < (0.05 if name == "whipple" else 1e-12)
 
 
-def test_a_small_tilt_fills_its_chart() -> None:
+def test_a_small_tilt_fills_its_chart(upright: Run) -> None:
     """0.19 rad of the 1.2 rad beyond which it has fallen."""
     robot = leaning("balancer")
-    run = rpctl.track(robot, "line", duration=0.02, collisions=False)
-    q = [robot.configuration(tilt=tilt) for tilt in np.linspace(-0.1, 0.19, len(run.t))]
-    found = chart(vary(run, q=np.array(q)), "Tilt")
+    q = [robot.configuration(tilt=tilt) for tilt in np.linspace(-0.1, 0.19, len(upright.t))]
+    found = chart(vary(upright, q=np.array(q)), "Tilt")
     assert found.limits == () and found.note.endswith("fallen beyond ±1.2 rad")
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
 from rpctl import Run
@@ -19,10 +20,9 @@ RUN = "0123456789abcdef" * 4
 PICTURES = [Image.fromarray(np.full((64, 64, 3), 60 * k, np.uint8)) for k in range(3)]
 
 
-def content(suffix: str, golden: Run, run: str | None) -> bytes:
+def content(suffix: str, figure: Figure, run: str | None) -> bytes:
     """Return a file of a kind that is made from a run."""
     if suffix in (".png", ".pdf"):
-        figure = tracking_figure(golden, panels=["tip"])
         return to_png(figure, 50, run) if suffix == ".png" else to_pdf(figure, run)
     if suffix == ".mp4":
         pytest.importorskip("av")
@@ -31,9 +31,9 @@ def content(suffix: str, golden: Run, run: str | None) -> bytes:
 
 @pytest.mark.parametrize("suffix", [".png", ".pdf", ".gif", ".mp4"])
 def test_a_mark_is_found(suffix: str, golden: Run, tmp_path: Path) -> None:
-    path = tmp_path / f"a{suffix}"
+    path, figure = tmp_path / f"a{suffix}", tracking_figure(golden, panels=["tip"])
     for run in (None, RUN):
-        path.write_bytes(content(suffix, golden, run))
+        path.write_bytes(content(suffix, figure, run))
         assert mark_of(path) == run
 
 

@@ -16,15 +16,19 @@ from tests.bench.peers import MujocoPeer, same_world
 from tests.bench.rows import Row, Section, cpu_seconds
 
 COMMAND = "python -m tests.bench.table --only closed_loop"
-SECONDS, PERIOD = 10.0, 0.002
-STEPS = round(SECONDS / PERIOD)
+SECONDS, QUICK_SECONDS, PERIOD = 10.0, 1.0, 0.002
 GOAL = 300.0  # times real time
 UNIT = "times real time"
 
 
 def section(quick: bool) -> Section:
     """Return how many times real time a loop runs, and how long its machine code takes to build."""
-    robot, rounds = rpctl.load("tiago"), 3 if quick else 7
+    robot, rounds, lasts = (
+        rpctl.load("tiago"),
+        1 if quick else 7,
+        QUICK_SECONDS if quick else SECONDS,
+    )
+    steps = round(lasts / PERIOD)
     config = Config(*default_laws(robot), run=RunSettings(control_period=PERIOD))
 
     def build() -> float:
@@ -33,21 +37,21 @@ def section(quick: bool) -> Section:
         compiled_loop(dynamics, dynamics, config)
         return time.process_time() - began
 
-    built, loaded = build(), min(build() for _ in range(2))
-    peer, its = "MuJoCo, controller in Python", SECONDS / _mujoco(robot, rounds)
+    built, loaded = build(), min(build() for _ in range(1 if quick else 2))
+    peer, its = "MuJoCo, controller in Python", lasts / _mujoco(robot, steps, rounds)
     world = "the same world, controller in Python"
-    worlds = SECONDS / min(same_world(robot, PERIOD, STEPS) for _ in range(rounds))
+    worlds = lasts / min(same_world(robot, PERIOD, steps) for _ in range(rounds))
     reference = reference_by_name(robot, "eight")
 
     def row(what: str, took: float, command: str, goal: float | None = None) -> Row:
-        return Row(what, SECONDS / took, UNIT, command, peer, its, goal)
+        return Row(what, lasts / took, UNIT, command, peer, its, goal)
 
     def track(backend: str, bare: bool, plant: str = "ideal") -> float:
         def run() -> object:
             return rpctl.track(
                 robot,
                 reference if bare else "eight",
-                duration=SECONDS,
+                duration=lasts,
                 collisions=not bare,
                 backend=backend,
                 plant=plant,
@@ -56,21 +60,21 @@ def section(quick: bool) -> Section:
         run()
         return cpu_seconds(run, rounds=1 if backend == "pinocchio" else rounds)
 
-    bare = 'rpctl.track(robot, reference, duration=10.0, collisions=False, backend="{}")'
-    whole = 'rpctl.track(robot, "eight", duration=10.0)'
+    bare = f"rpctl.track(robot, reference, duration={lasts}, collisions=False, {{}})"
+    whole = f'rpctl.track(robot, "eight", duration={lasts})'
     rows = (
         row(
             "the loop with its log, compiled",
             track("compiled", True),
-            bare.format("compiled"),
+            bare.format('backend="compiled"'),
             GOAL,
         ),
-        row("the same in Python", track("pinocchio", True), bare.format("pinocchio")),
+        row("the same in Python", track("pinocchio", True), bare.format('backend="pinocchio"')),
         Row(
             "the loop on contact in MuJoCo",
-            SECONDS / track("auto", True, "contact"),
+            lasts / track("auto", True, "contact"),
             UNIT,
-            'rpctl.track(robot, reference, duration=10.0, collisions=False, plant="contact")',
+            bare.format('plant="contact"'),
             world,
             worlds,
         ),
@@ -80,19 +84,20 @@ def section(quick: bool) -> Section:
         Row("it is loaded from the cache", loaded, "s", COMMAND, "built", built),
     )
     note = (
-        "10 s of TIAGo's figure-eight at 2 ms, the default laws. `track` also fits the reference "
-        "to the robot and looks for collisions. rpctl's loop rolls without contact; MuJoCo's is "
-        "of a robot on its wheels, in steps of 2 ms, whose arm a proportional-derivative law "
-        "holds. On contact both are of the same world, in steps of 1 ms."
+        f"{lasts:g} s of TIAGo's figure-eight at 2 ms, the default laws. `track` also fits the "
+        "reference to the robot and looks for collisions. rpctl's loop rolls without contact; "
+        "MuJoCo's is of a robot on its wheels, in steps of 2 ms, whose arm a "
+        "proportional-derivative law holds. On contact both are of the same world, in steps of "
+        "1 ms."
     )
     return Section("One closed loop", rows, note)
 
 
-def _mujoco(robot: rpctl.Robot, rounds: int) -> float:
+def _mujoco(robot: rpctl.Robot, steps: int, rounds: int) -> float:
     found = []
     for _ in range(rounds):
         peer = MujocoPeer(robot, PERIOD)
-        found.append(peer.with_python_control(STEPS))
+        found.append(peer.with_python_control(steps))
         if not np.all(np.isfinite(peer.data.qpos)):
             raise ValueError("MuJoCo's robot left the finite numbers")
     return min(found)

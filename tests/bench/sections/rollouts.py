@@ -15,6 +15,7 @@ from tests.bench.rows import Row, Section
 COMMAND = "python -m tests.bench.table --only rollouts"
 SECONDS, PERIOD = 10.0, 0.001
 COUNT, RATIO_GOAL = 1000, 25.0
+FEW = 16  # of them, for a quick look
 MANY, MANY_GOAL = 100_000, 60.0  # runs of the paper's robot, s
 SCATTER = {
     "run.initial_error.x": Normal(0.0, 0.05),
@@ -25,10 +26,11 @@ SCATTER = {
 
 def section(quick: bool) -> Section:
     """Return what many runs take; quick measures some, the others in proportion."""
-    took, theirs = _ours(80 if quick else COUNT), _mujoco(4 if quick else 40)
-    what = f"{COUNT} runs of 10 s at 1 kHz, TIAGo"
+    robot = rpctl.load("paper" if quick else "tiago")
+    took, theirs = _ours(robot, FEW if quick else COUNT), _mujoco(robot, 1 if quick else 40)
+    what = f"{COUNT} runs of 10 s at 1 kHz, {'paper' if quick else 'TIAGo'}"
     peer = "MuJoCo's rollout, open loop"
-    part, whole = (1000, 4000) if quick else (4000, MANY)
+    part, whole = (64, 256) if quick else (4000, MANY)
     few, many = (_paper(count) for count in (part, whole))
     scaled = few["seconds"] + (many["seconds"] - few["seconds"]) / (whole - part) * (MANY - part)
     paper = "python -m tests.bench.paper_rollouts {}".format
@@ -48,17 +50,16 @@ def section(quick: bool) -> Section:
     note = (
         "Closed loops with scattered starts, all on one core, preparation from a cached loop "
         "included; MuJoCo's runs have no controller and are done one after the other, "
-        f"{4 if quick else 40} of them measured. Memory is the largest of a whole process that "
+        f"{1 if quick else 40} of them measured. Memory is the largest of a whole process that "
         "does chunks of 256 runs and keeps none of them."
     )
     if quick:
-        note += f" Quick: {80} and {whole} runs were measured, the others are in proportion."
+        note += f" Quick: {FEW} and {whole} runs were measured, the others are in proportion."
     return Section("Thousands of closed loops", rows, note)
 
 
-def _ours(count: int) -> float:
+def _ours(robot: rpctl.Robot, count: int) -> float:
     """Return the processor time of :data:`COUNT` runs, s, of which some are done."""
-    robot = rpctl.load("tiago")
 
     def runs(number: int) -> float:
         began = time.process_time()
@@ -81,8 +82,8 @@ def _ours(count: int) -> float:
     return few + (more - few) / (count - 8) * (COUNT - 8)
 
 
-def _mujoco(count: int) -> float:
-    peer = MujocoPeer(rpctl.load("tiago"), PERIOD)
+def _mujoco(robot: rpctl.Robot, count: int) -> float:
+    peer = MujocoPeer(robot, PERIOD)
     return COUNT / count * peer.rollouts(count, round(SECONDS / PERIOD))
 
 

@@ -15,6 +15,7 @@ from rpctl.dynamics.symbols.dynamics import SymbolicDynamics
 from rpctl.kernels.program import Buffer, Program, Read, Rows, RowStream
 from rpctl.simulation.compiled.merit_fold import FIRST, merit_fold
 from rpctl.simulation.merits.measures import SampleMeasures, fold, measures, merits_of, spans_of
+from tests.grids import cells
 from tests.kernels.interpreted import Interpreted
 
 FIELDS = ("q", "nu", "e", "tau")
@@ -47,7 +48,7 @@ def folded(robot: Robot, run: Run, limits: Array) -> tuple[Array, Array]:
     return workspace[found.totals][:, 0], np.array(seen)
 
 
-@pytest.mark.parametrize("name", ["paper", "car", pytest.param("bicycle", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", cells(("paper", "car", "bicycle"), ["paper"], ["car"]))
 def test_folding_is_the_batch(name: str) -> None:
     """Random states whose distances cross the threshold, with and without an arm and steering."""
     robot = rpctl.load(name)

@@ -21,6 +21,7 @@ from rpctl.simulation.loop.closed_loop import start_configuration
 from rpctl.simulation.loop.track import simulate
 from rpctl.simulation.merits.measures import Totals, fold, measures
 from rpctl.simulation.plants.sensors import Sensors
+from tests.grids import cells
 
 STRIDE = 7
 SAME = 1e-9
@@ -87,8 +88,7 @@ def test_a_run_is_the_same_whichever_run_beside_it(
     assert equal(together, lanes.run(given.rows(slice(4, 5)), STRIDE), [4])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("lanes", [2, 4, 8])
+@pytest.mark.parametrize("lanes", cells((2, 4, 8), slow=[2]))
 def test_a_run_is_the_same_on_every_processor(
     paper: Robot, config: Config, lanes: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -40,16 +40,16 @@ COARSE: dict[str, Any] = {
     "plant_step": 0.01,
 }  # s; where no rounding is looked for
 TURNS = list(product(("paper", "mixed_chain", "tiago_dual"), ("circle", "spin", "eight")))
-TURNS_IN_CI = {("paper", "spin"), ("mixed_chain", "circle")}
+TURNS_IN_CI = {("paper", "spin")}
 PATHS = ("line", "reverse", "spin", "circle", "eight")
 
 
 @pytest.fixture(scope="module")
-def eight(tiago: Robot) -> Run:
-    return track(tiago, "eight", duration=14.0, initial_error=OFF)
+def eight(mixed_chain: Robot) -> Run:
+    return track(mixed_chain, "eight", duration=14.0, initial_error=OFF, collisions=False)
 
 
-def test_tiago_ends_within_a_millimetre(eight: Run) -> None:
+def test_it_ends_within_a_millimetre(eight: Run) -> None:
     figures = summarize(eight)
     assert figures.settled_base_error < 1e-3
     assert (figures.settled_end_effector_error or np.inf) < 2e-3
@@ -64,7 +64,7 @@ def test_energy_and_constraints_hold(eight: Run) -> None:
     assert figures.energy_residual < 1e-5
     assert figures.constraint_residual < 1e-12
     ideal = summarize(
-        track(rpctl.load("tiago", losses=False), "eight", duration=0.2, initial_error=OFF)
+        track(rpctl.load("paper", losses=False), "eight", duration=0.2, initial_error=OFF)
     )
     assert ideal.energy_residual < 1e-8
 
@@ -82,15 +82,15 @@ def test_it_starts_where_it_was_told(eight: Run) -> None:
     np.testing.assert_allclose(seen, OFF[:2], atol=1e-12)
 
 
-def test_the_log_is_of_one_motion(eight: Run, tiago: Robot) -> None:
+def test_the_log_is_of_one_motion(eight: Run, mixed_chain: Robot) -> None:
     """Base, joints and end effector are q's; ν is the base's and the joints' rate."""
-    data = tiago.model.createData()
+    data = mixed_chain.model.createData()
     for k in (0, 1234, len(eight.t) - 1):
-        np.testing.assert_allclose(eight.log.joints[k], tiago.joint_positions(eight.q[k]))
+        np.testing.assert_allclose(eight.log.joints[k], mixed_chain.joint_positions(eight.q[k]))
         np.testing.assert_allclose(
-            np.exp(1j * eight.log.base[k, 2]), np.exp(1j * tiago.base_pose(eight.q[k])[2])
+            np.exp(1j * eight.log.base[k, 2]), np.exp(1j * mixed_chain.base_pose(eight.q[k])[2])
         )
-        pose = tiago.end_effector_pose(data, eight.q[k])
+        pose = mixed_chain.end_effector_pose(data, eight.q[k])
         np.testing.assert_allclose(eight.log.ee[k], pose.translation)
     period = eight.t[1] - eight.t[0]
     rates = (eight.log.joints[2:] - eight.log.joints[:-2]) / (2 * period)
@@ -123,7 +123,7 @@ def test_robots_track_where_the_base_turns(name: str, reference: str) -> None:
     assert (figures.final_end_effector_error or np.inf) < 0.01
 
 
-@pytest.mark.parametrize("reference", cells(("line", "reverse"), slow={"line", "reverse"}))
+@pytest.mark.parametrize("reference", cells(("line", "reverse"), slow={"line"}))
 def test_the_papers_law_keeps_the_lateral_error_of_a_line(paper: Robot, reference: str) -> None:
     figures = summarize(
         track(
@@ -137,7 +137,7 @@ def test_the_papers_law_keeps_the_lateral_error_of_a_line(paper: Robot, referenc
     assert figures.final_lateral_error == pytest.approx(0.2, abs=1e-3)
 
 
-@pytest.mark.parametrize("reference", cells(PATHS, slow={"line", "spin"}))
+@pytest.mark.parametrize("reference", cells(PATHS, slow={"line"}))
 def test_the_default_law_beats_the_papers_on_every_reference(paper: Robot, reference: str) -> None:
     """A smaller error from the same start, the lateral one of a line gone, no limit broken."""
     ours, theirs = (

@@ -85,7 +85,9 @@ def test_limits_are_logged_when_they_bind(paper: Robot) -> None:
 def test_casters_of_the_reference_trail_it(tmp_path: Path) -> None:
     """In a steady bend c ω = n·V: a trail c swings by what its pivot moves across its heading."""
     robot = rpctl.load(write(tmp_path, vehicle("casters")))
-    run = track(robot, "circle", duration=10.0, control_period=0.05, plant_step=0.05)
+    run = track(
+        robot, "circle", duration=10.0, control_period=0.05, plant_step=0.05, collisions=False
+    )
     q = run.q_ref[-1]
     v, omega = run.log.nu_ref[-1, :2]
     assert omega > 0.1
@@ -100,7 +102,9 @@ def test_casters_of_the_reference_trail_it(tmp_path: Path) -> None:
 def test_steering_starts_on_its_reference(tmp_path: Path) -> None:
     """tan δ = L/(R − w/2) of the left wheel on a circle to the left, from the first sample on."""
     robot = rpctl.load(write(tmp_path, vehicle("car-like")))
-    run = track(robot, "circle", duration=8.0, control_period=0.05, plant_step=0.05)
+    run = track(
+        robot, "circle", duration=8.0, control_period=0.05, plant_step=0.05, collisions=False
+    )
     v, _, omega = ReducedDynamics(robot).twist(run.q_ref[-1], run.log.nu_ref[-1])
     expected = math.atan(0.7 / (v / omega - 0.25))
     assert run.log.steering[0, 0] == pytest.approx(expected)

@@ -16,7 +16,6 @@ from rpctl.engines.mujoco.settings import ContactSettings
 from rpctl.robot.variation import CarriedLoad
 from rpctl.robot.vary import without_losses
 from rpctl.simulation.config import Config, RunSettings
-from tests.grids import cells
 
 pytest.importorskip("mujoco")
 CONTACT = Plant(kind="contact", contact=ContactSettings(wheel_width=0.03))
@@ -41,7 +40,8 @@ def test_without_losses(tiago: Robot) -> None:
     assert tip < 6.0
 
 
-@pytest.mark.parametrize("known", cells([True, False], slow=[False]))
+@pytest.mark.thorough
+@pytest.mark.parametrize("known", [True, False])
 def test_with_the_losses_of_the_file(tiago: Robot, known: bool) -> None:
     model = None if known else without_losses(tiago)
     base, tip = settled(tiago, replace(CONTACT, controller_model=model), 8.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from rpctl.robot.leaning import LeaningRobot
 from rpctl.simulation.plants.contact import LeaningMotion
 from rpctl.simulation.plants.rolling import RollingMotion
 from rpctl.simulation.plants.settings import Wrench
+from tests.grids import cells
 from tests.leaning import OWN, leaning, pushed_on_an_eight
 
 pytest.importorskip("mujoco")
@@ -118,17 +120,18 @@ def test_props_are_refused() -> None:
         LeaningMotion(robot, ContactSettings(props=True), MU, placed(robot, 0.0))
 
 
-@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("name", cells(OWN, ["balancer"], ["wheel_legs"]))
 def test_it_stays_upright_on_contact(name: str) -> None:
     robot = leaning(name)
-    run = rpctl.track(robot, "line", duration=1.5, plant=Plant(kind="contact"), collisions=False)
+    run = rpctl.track(robot, "line", duration=1.0, plant=Plant(kind="contact"), collisions=False)
     assert max(abs(robot.tilt(q)) for q in run.q[::50]) < 0.3
     assert np.abs(run.log.e[-1, :3]).max() < 0.2
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", OWN)
-@pytest.mark.parametrize("delay", [0.0, 0.02])
+LATE = ("balancer", 0.02), ("whipple", 0.02)
+
+
+@pytest.mark.parametrize(("name", "delay"), cells(product(OWN, (0.0, 0.02)), slow=LATE))
 def test_it_follows_an_eight_on_contact_late_and_pushed(name: str, delay: float) -> None:
     figures = rpctl.summarize(pushed_on_an_eight(name, Plant(kind="contact", delay=delay)))
     assert figures.outcome != "fell", figures.outcome_sentence

@@ -25,6 +25,7 @@ from rpctl.robot.leaning import LeaningRobot
 from rpctl.simulation.config import Config
 from rpctl.simulation.plants.rolling import RollingMotion
 from rpctl.simulation.plants.starting import rest_at, start_motion
+from tests.grids import cells
 from tests.leaning import OWN, leaning
 
 G, ALPHA, HEADING = 9.81, 0.1, 2.0
@@ -107,7 +108,7 @@ def test_a_bicycle_across_a_slope_is_plumb() -> None:
     assert np.abs(acceleration).max() < 1e-7 and abs(rest.tau[0]) < 1e-2
 
 
-@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("name", cells(OWN, ["balancer"], ["whipple"]))
 def test_energy_is_kept(name: str) -> None:
     """A robot that nothing drives, and that falls and rolls off, keeps it."""
     robot = leaning(name)
@@ -121,15 +122,16 @@ def test_energy_is_kept(name: str) -> None:
     assert dynamics.energy(motion.q, motion.nu) == pytest.approx(before, abs=1e-8 * float(gone))
 
 
-@pytest.mark.slow
+COSTS = (
+    ("balancer", (3.0, 0.0), 0.2, 0.35),
+    ("wheel_legs", (3.0, 0.0), 0.3, 0.45),
+    ("whipple", (6.0, 0.0), 0.03, 0.05),
+    ("whipple", (-6.0, 0.0), -0.05, -0.03),
+)
+
+
 @pytest.mark.parametrize(
-    ("name", "slope", "least", "most"),
-    [
-        ("balancer", (3.0, 0.0), 0.2, 0.35),
-        ("wheel_legs", (3.0, 0.0), 0.3, 0.45),
-        ("whipple", (6.0, 0.0), 0.03, 0.05),
-        ("whipple", (-6.0, 0.0), -0.05, -0.03),
-    ],
+    ("name", "slope", "least", "most"), cells(COSTS, slow=[COSTS[0], COSTS[3]])
 )
 def test_a_slope_that_nobody_told_costs_some_of_its_place(
     name: str, slope: tuple[float, float], least: float, most: float

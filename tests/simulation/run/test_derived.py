@@ -20,14 +20,16 @@ from rpctl.simulation.config import Config
 from rpctl.simulation.loop import recorder
 from rpctl.simulation.run.derived import Derivation
 from rpctl.simulation.run.log import COLUMNS
+from tests.grids import cells
 from tests.robots import SET_A, platform, write
 from tests.vehicles import vehicle
 
 PERIOD, COUNT = 0.02, 20
 KINDS = ["car-like", "casters"]  # whose S turns, and whose does not
 CATALOGUE = ["skid_steer"]  # whose loads are intervals
-SLOW_KINDS, SLOW_CATALOGUE = ["omni", "bicycle", "tricycle"], ["paper", "arm"]  # "arm": no wheels
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in SLOW_KINDS + SLOW_CATALOGUE]
+SLOW = ["omni", "arm"]  # that moves sideways, and that has no wheels
+REST = ["bicycle", "tricycle", "paper"]
+QUICK = [*KINDS, *CATALOGUE]
 FEW = pytest.mark.parametrize("robot", ["casters", "skid_steer"], indirect=True)
 
 
@@ -37,9 +39,9 @@ def small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorder, "BATCH", 7)
 
 
-@pytest.fixture(scope="module", params=[*KINDS, *CATALOGUE, *SLOW])
+@pytest.fixture(scope="module", params=cells([*QUICK, *SLOW, *REST], QUICK, SLOW))
 def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Robot:
-    if request.param in CATALOGUE + SLOW_CATALOGUE:
+    if request.param in [*CATALOGUE, "arm", "paper"]:
         return rpctl.load(request.param)
     return rpctl.load(write(tmp_path_factory.mktemp("robot"), vehicle(request.param)))
 
@@ -185,7 +187,7 @@ def test_reference_robot_rolls_by_what_its_basis_says(robot: Robot, run: Run) ->
 
 
 @FEW
-@pytest.mark.parametrize("every", [3, 8, 30])
+@pytest.mark.parametrize("every", cells((3, 8, 30), [8], [30]))
 def test_every_nth_sample_and_the_last_are_rows_of_the_whole_log(
     robot: Robot, run: Run, every: int
 ) -> None:

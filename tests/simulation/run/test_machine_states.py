@@ -16,6 +16,7 @@ from rpctl.errors import SingularBasisError
 from rpctl.robot.variation import Variation, vary
 from rpctl.robot.vary import scale_masses
 from rpctl.simulation.run.states import MachineStates, PinocchioStates, StateColumns
+from tests.grids import cells
 from tests.robots import write
 from tests.vehicles import vehicle
 
@@ -24,7 +25,7 @@ KINDS = ["car-like", "casters"]  # whose contacts move, and whose S does not tur
 CATALOGUE = ["car", "arm", "tiago", "caster_drive"]
 
 
-@pytest.fixture(params=[*KINDS, *CATALOGUE])
+@pytest.fixture(params=cells([*KINDS, *CATALOGUE], [*KINDS, "arm"], ["caster_drive"]))
 def robot(request: pytest.FixtureRequest, tmp_path: Path) -> Robot:
     if request.param in CATALOGUE:
         return rpctl.load(request.param)

@@ -51,6 +51,14 @@ def cart_with_mesh(tmp_path: Path) -> Run:
     return saved(rpctl.load(write_cart(home, mesh_visual("a.stl"))), tmp_path)
 
 
+@pytest.fixture(scope="module")
+def sent(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Return the run of a cart whose file nobody changes."""
+    folder = tmp_path_factory.mktemp("sent")
+    stl(folder / "a.stl")
+    return saved(rpctl.load(write_cart(folder, mesh_visual("a.stl"))), folder)
+
+
 def test_the_robot_needs_no_file(tmp_path: Path) -> None:
     path = write(tmp_path, platform(SET_A))
     robot = rpctl.load(path, lock={}, home={})
@@ -120,26 +128,26 @@ def test_the_robot_that_was_simulated_here_keeps_its_folders(tmp_path: Path) -> 
     ["/", "/etc", "/dev/zero", "..", "../cart.urdf", "~/cart.urdf", "cart", "no/such", "/dev/stdin",
      "", "a\0b", "/proc/self/mem", "x" * 5000],
 )  # fmt: skip
-def test_no_path_in_a_run_is_an_attack(cart_with_mesh: Run, source: str) -> None:
+def test_no_path_in_a_run_is_an_attack(sent: Run, source: str) -> None:
     """The robot is drawn without what no file proves to be its own, whatever the path."""
-    back = load_robot(vary(cart_with_mesh, source=source).robot)
+    back = load_robot(vary(sent, source=source).robot)
     assert back.description.path.parent == NOWHERE
     assert back.source == source
-    assert back.mass == cart_with_mesh.load_robot().mass
+    assert back.mass == sent.load_robot().mass
 
 
-def test_a_pipe_at_the_path_is_not_waited_for(cart_with_mesh: Run, tmp_path: Path) -> None:
+def test_a_pipe_at_the_path_is_not_waited_for(sent: Run, tmp_path: Path) -> None:
     import os
 
     os.mkfifo(tmp_path / "pipe.urdf")
-    run = vary(cart_with_mesh, source=str(tmp_path / "pipe.urdf"))
+    run = vary(sent, source=str(tmp_path / "pipe.urdf"))
     assert not has_surroundings(run.load_robot())
 
 
-def test_a_run_cannot_claim_another_urdf(cart_with_mesh: Run) -> None:
-    urdf = str(cart_with_mesh.robot.urdf)
+def test_a_run_cannot_claim_another_urdf(sent: Run) -> None:
+    urdf = str(sent.robot.urdf)
     with pytest.raises(RunFileError, match="does not match the hash in the run"):
-        vary(cart_with_mesh, urdf=urdf.replace('"10"', '"11"')).load_robot()
+        vary(sent, urdf=urdf.replace('"10"', '"11"')).load_robot()
 
 
 def test_bytes_of_any_encoding_come_back(tmp_path: Path) -> None:
@@ -172,13 +180,13 @@ XACRO = f'<robot name="e" {NAMESPACE}><xacro:include filename="${{1/0}}"/></robo
 
 @pytest.mark.usefixtures("refuse")
 @pytest.mark.parametrize("name", ["evil.urdf.xacro", "evil.urdf"])
-def test_opening_a_run_expands_nothing(cart_with_mesh: Run, tmp_path: Path, name: str) -> None:
+def test_opening_a_run_expands_nothing(sent: Run, tmp_path: Path, name: str) -> None:
     """Neither by its name nor by what it holds."""
     path = tmp_path / name
     path.write_text(XACRO)
-    for digest in (cart_with_mesh.robot.urdf_sha256, sha256(XACRO.encode()).hexdigest()):
-        hostile = vary(cart_with_mesh, source=str(path), file_sha256=digest)
-        assert hostile.load_robot().mass == cart_with_mesh.load_robot().mass
+    for digest in (sent.robot.urdf_sha256, sha256(XACRO.encode()).hexdigest()):
+        hostile = vary(sent, source=str(path), file_sha256=digest)
+        assert hostile.load_robot().mass == sent.load_robot().mass
 
 
 def test_meshes_of_a_xacro_are_found_by_the_digest_of_its_file(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import rpctl
 from rpctl import Robot, Run
 from rpctl.view.pages.report import write_report
 from rpctl.view.pages.robot_page import robot_page
+from tests.grids import cells
 from tests.view.chromium import opened, picture_at
 from tests.view.samples import mesh_visual, short_run, write_cart
 
@@ -83,7 +84,7 @@ TEXTURES = [
 ]
 
 
-@pytest.mark.parametrize("texture", TEXTURES)
+@pytest.mark.parametrize("texture", cells(TEXTURES, TEXTURES[::3], TEXTURES[1:3]))
 def test_texture_that_a_mesh_names_is_not_embedded(
     texture: str, tmp_path: Path, audited: list[str]
 ) -> None:

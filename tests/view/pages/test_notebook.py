@@ -20,6 +20,7 @@ from rpctl.errors import RunFileError
 from rpctl.study.experiment import Experiment, RunTable
 from rpctl.view import film as browser
 from rpctl.view import film as notebook
+from tests.grids import cells as grid
 from tests.runs import vary
 
 SCOPE = Scope("all", (), (), None)
@@ -51,10 +52,10 @@ def test_a_cell_shows_the_scene(shown: dict[str, Any]) -> None:
     assert "const { viewer, duration, show } = player;" in page_inside(html)
 
 
-@pytest.mark.parametrize("order", [("rpctl", "IPython"), ("IPython", "rpctl")])
-def test_a_robot_is_shown_whichever_is_imported_first(order: tuple[str, str]) -> None:
+@pytest.mark.parametrize("first", grid(("rpctl", "IPython"), ["rpctl"], ["IPython"]))
+def test_a_robot_is_shown_whichever_is_imported_first(first: str) -> None:
     pytest.importorskip("IPython")
-    code = f"import {order[0]}, {order[1]}; from IPython.core.interactiveshell import *;"
+    code = f"import {first}, rpctl; from IPython.core.interactiveshell import *;"
     code += "shell = InteractiveShell(); robot = rpctl.load('paper');"
     code += "print(shell.display_formatter.format(robot)[0]['text/html'])"
     command = [sys.executable, "-c", code]

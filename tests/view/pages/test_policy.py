@@ -19,6 +19,7 @@ from rpctl.view.pages.report import write_report
 from rpctl.view.pages.robot_page import robot_page
 from rpctl.view.scene.scene import build_scene
 from rpctl.view.serve.server import PageServer, Stream
+from tests.grids import cells
 from tests.view.chromium import WINDOW, wait
 from tests.view.pages.pages import bare_scene, goal_page, waiting_page
 
@@ -141,8 +142,7 @@ def attacked(page: str) -> str:
     return f"{before}{ATTACK}{tag}{after}"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", cells(KINDS, slow=["report", "notebook", "goal"]))
 def test_what_gets_into_a_page_does_nothing_there(
     visit: Visit, pages: dict[str, str], kind: str, tmp_path: Path
 ) -> None:

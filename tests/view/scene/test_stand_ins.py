@@ -20,6 +20,7 @@ from rpctl.view.scene.robot_meshes import STRIPE_RATIO, Bodies, build_bodies
 from rpctl.view.scene.scene import build_scene
 from rpctl.view.scene.stand_ins import StandIn, inertia_box, robot_size
 from tests import urdf
+from tests.grids import cells
 from tests.robots import write
 from tests.view.readers import drawn_by, embedded
 from tests.view.samples import mesh_visual, numbers, short_run, write_cart
@@ -137,7 +138,7 @@ def test_hatches_are_equally_wide_on_every_scale(tmp_path: Path) -> None:
     }
 
 
-@pytest.mark.parametrize("missing", [True, False])
+@pytest.mark.parametrize("missing", cells((True, False), [True], [False]))
 def test_pages_report_film_and_notebook_tell_of_it(tmp_path: Path, missing: bool) -> None:
     robot = (
         mast(tmp_path, HEAVY, GONE) if missing else rpctl.load(write_cart(tmp_path), root="planar")
