@@ -57,25 +57,19 @@ def in_words(text: str) -> str:
 
 
 WITH_COMMANDS = [page for page in PAGES if any(not served(c) for c, _ in commands(page))]
-LONG_COMMANDS = {  # tests of their commands run shorter ones; `make demo` runs the tutorial's
-    *(f"docs/howto/{name}.md" for name in ("compare", "mujoco", "outputs", "references")),
-    *(f"docs/howto/{name}.md" for name in ("studies", "tuning")),
-    *(f"docs/tutorials/{name}.md" for name in ("demo", "your_robot")),
-    "docs/concepts/far_starts.md",
-}
-SLOW = [page for page in WITH_COMMANDS if page not in LONG_COMMANDS]
 
 
 @pytest.mark.parametrize("page", WITH_COMMANDS)
 def test_commands_have_the_options_that_are_written(page: str) -> None:
-    """Also where it takes too long to run them; those that serve a page included."""
+    """Those that serve a page included."""
     for line, _ in commands(page):
         name, *words = shlex.split(line.partition(" > ")[0].removeprefix("rpctl "))
         with load_command(name).make_context(name, words):
             pass
 
 
-@pytest.mark.parametrize("page", cells(WITH_COMMANDS, slow=SLOW))
+@pytest.mark.slow
+@pytest.mark.parametrize("page", WITH_COMMANDS)
 def test_commands(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """They run in their order as they are written, and print what is written below them."""
     monkeypatch.chdir(tmp_path)

@@ -230,7 +230,7 @@ def test_comparison_shows_both_runs(browser: Any, comparison: Path) -> None:
         assert changed(one, none) > 500
         names = page.locator(".chart").first.locator(".key .label").all_inner_texts()
         assert names == ["near", "far"]
-        choice = page.get_by_label("What Joint errors shows")
+        choice = page.get_by_label("Quantity shown in Joint errors")
         before = page.evaluate("[...rpctl.charts[2].plot.data[1]].slice(0, 9)")
         choice.select_option(index=1)
         assert page.evaluate("[...rpctl.charts[2].plot.data[1]].slice(0, 9)") != before
