@@ -60,9 +60,9 @@ SETTLED = 2e-3  # m: the base's error after 12 s
 SPUN = 1e-2  # m: the same where it turns on the spot, which mends what lies beside it slowly
 BACKED = 5e-3  # m: the same where the rear axle leads, which first has to come to its path
 FOLLOWED = 5e-4  # m: the end effector's error of an arm that starts on its reference
-SPRUNG = {  # springs that a URDF does not tell bear the shoulders: their motors alone are too weak
-    "pr2": {f"{side}_{joint}_flex_joint" for side in "lr" for joint in ("elbow", "wrist")},  # falls
-    "baxter": {"left_s1", "right_s1"},
+SAGGING = {  # springs that a URDF does not tell bear the shoulders: their motors alone are too weak
+    "pr2": "l_shoulder_lift_joint: 49.1 of 30 N m",
+    "baxter": "right_s1: 51.4 of 50 N m",
 }
 REPORT_SIZE = 500_000  # bytes: the viewer alone is larger
 
@@ -82,30 +82,34 @@ def test_a_robot_walks_from_its_description_to_its_report(name: str, tmp_path: P
     dof, drive = ROBOTS[name]
     facts = json_of("inspect", name)
     assert (facts["dof"], facts["drive"]["type"]) == (dof, drive)
-    assert json_of("verify", name, "--samples", "3")["passed"]
+    weak = ["holds its joints at home"] if name in SAGGING else []
+    proof = json_of("verify", name, "--samples", "3", code=len(weak))
+    assert [check["name"] for check in proof["checks"] if not check["passed"]] == weak
 
     off = ("--initial-error", ",".join(map(str, OFF))) if drive != "fixed" else ()
     words = ("--duration", "3.5", *off, "--samples", "3", "--out", str(tmp_path))
-    sprung = SPRUNG.get(name, set())
-    summary = json_of("track", name, *words, code=1 if sprung else 0)
-    assert {limit["joint"] for limit in summary["limits_violated"]} == sprung
+    if weak:
+        refused = CliRunner().invoke(app, ["track", name, *words])
+        assert refused.exit_code == 2
+        assert SAGGING[name] in refused.output
+        return
+    summary = json_of("track", name, *words)
+    assert not summary["limits_violated"]
     assert all(note.startswith("gains: ") for note in summary["notes"])
     assert summary["final_base_error"] < SHRUNK
-    follows = drive == "fixed" and name != "pr2"
-    assert not follows or summary["final_end_effector_error"] < FOLLOWED
+    assert drive != "fixed" or summary["final_end_effector_error"] < FOLLOWED
     report = tmp_path / "report.html"
     assert summary["report"] == str(report)
     assert report.stat().st_size > REPORT_SIZE
 
 
-@pytest.mark.parametrize("name", cells(names(), slow=LIMITS_KEPT))
+@pytest.mark.parametrize("name", cells([n for n in names() if n not in SAGGING], slow=LIMITS_KEPT))
 def test_plain_track_keeps_every_limit(name: str) -> None:
     """The default reference fits the robot, whichever it is."""
     run = rpctl.track(rpctl.load(name))
     summary = rpctl.summarize(run)
-    assert {limit.joint for limit in summary.limits_violated} == SPRUNG.get(name, set())
-    assert summary.succeeded != (name in SPRUNG)
-    assert name == "pr2" or summary.outcome == "tracked"
+    assert not summary.limits_violated
+    assert summary.outcome == "tracked"
     assert summary.sizing is not None
     assert run.t[-1] == pytest.approx(summary.sizing.duration, abs=0.01)
 
