@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import rpctl
 from rpctl import Robot, Run
+from tests.catalogue import robot_of
 from tests.drive.drive_cases import Files
 from tests.golden import golden_run, load_tricycle
 
@@ -46,17 +46,17 @@ def files(tmp_path: Path) -> Files:
 
 @pytest.fixture(scope="session")
 def tiago() -> Robot:
-    return rpctl.load("tiago")
+    return robot_of("tiago")
 
 
 @pytest.fixture(scope="session")
 def paper() -> Robot:
-    return rpctl.load("paper")
+    return robot_of("paper")
 
 
 @pytest.fixture(scope="session")
 def mixed_chain() -> Robot:
-    return rpctl.load("mixed_chain")
+    return robot_of("mixed_chain")
 
 
 @pytest.fixture(scope="session")
@@ -74,7 +74,7 @@ def golden(tricycle: Robot) -> Run:
 @pytest.fixture(scope="session", params=["paper", "mixed_chain", "tiago"])
 def robot(request: pytest.FixtureRequest) -> Robot:
     """Each robot that the properties of the dynamics must hold for."""
-    return rpctl.load(request.param)
+    return robot_of(request.param)
 
 
 @pytest.fixture

@@ -33,7 +33,7 @@ from rpctl.simulation.compiled.implicit_step import PlantBuffers
 from rpctl.simulation.compiled.loop import plant_fragment
 from rpctl.simulation.plants.plant import Plant
 from rpctl.simulation.plants.starting import rest_at
-from tests.control.catalogue import robot_of
+from tests.catalogue import robot_of
 
 ROBOTS = "paper", "tiago", "car", "mecanum"
 PERIOD = 0.002  # s

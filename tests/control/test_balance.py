@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 from itertools import product
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,10 +19,9 @@ from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.simulation.config import Config
 from rpctl.simulation.plants.starting import start_motion
 from tests.grids import cells
-from tests.leaning import OWN, PUSHES, leaning
+from tests.leaning import COARSE, OWN, leaning, pushed_on_an_eight
 
 PERIOD = 0.002
-COARSE: dict[str, Any] = {"control_period": 0.005, "plant_step": 0.005, "collisions": False}
 
 
 def posture_of(name: str) -> Posture:
@@ -281,10 +278,7 @@ def test_a_step_asks_for_its_goal() -> None:
     cells(product(OWN, (0.0, 0.02)), slow=[("whipple", 0.02)]),
 )
 def test_it_follows_an_eight_late_and_pushed(name: str, delay: float) -> None:
-    robot, push = leaning(name), replace(PUSHES[name], start=1.0, end=1.1)
-    size, speed = (10.0, 3.0) if robot.rolls_sideways else (0.5, 0.3)
-    run = rpctl.track(robot, "eight", duration=4.0, size=size, speed=speed, **COARSE,
-                      plant=Plant(delay=delay, wrenches=(push,)))  # fmt: skip
+    run = pushed_on_an_eight(name, Plant(delay=delay), 1.0, duration=4.0, **COARSE)
     figures = rpctl.summarize(run)
     assert figures.outcome != "fell", figures.outcome_sentence
     assert figures.final_base_error < (0.5 if name == "balancer" else 0.1)  # pushed the hardest

@@ -17,7 +17,7 @@ from rpctl.dynamics.motion import rk4_step
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.errors import SolverError
 from rpctl.reference.load import load_reference
-from tests.control.catalogue import robot_of
+from tests.catalogue import robot_of
 from tests.control.simulated import PERIOD, Simulated
 
 

@@ -21,7 +21,7 @@ from rpctl.dynamics.motion import step
 from rpctl.errors import DiffersError, RpctlError, UnknownNameError
 from rpctl.simulation.config import Config
 from rpctl.simulation.loop.backend import refusal
-from tests.control.catalogue import robot_of
+from tests.catalogue import robot_of
 from tests.control.simulated import PERIOD, Simulated
 from tests.grids import cells
 

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from tests.control.catalogue import robot_of
+from tests.catalogue import robot_of
 from tests.control.fault_scripts import ROBOTS, Fault, run, run_faults
 from tests.grids import cells
 

@@ -30,7 +30,7 @@ from rpctl.control.twist_law import BaseLaw
 from rpctl.errors import UnknownNameError
 from rpctl.reference.motion import Reference
 from rpctl.reference.named import reference_by_name
-from tests.control.catalogue import robot_of
+from tests.catalogue import robot_of
 from tests.grids import cells
 from tests.leaning import leaning
 

@@ -16,7 +16,7 @@ from rpctl.control.sampling import MeasuredSample
 from rpctl.control.velocity_output import VelocityOutput, as_output
 from rpctl.dynamics.reduced import ReducedDynamics
 from rpctl.simulation.plants.rolling import VelocityPlant
-from tests.control.catalogue import robot_of
+from tests.catalogue import robot_of
 from tests.grids import cells
 
 PERIOD = 0.01

@@ -25,7 +25,7 @@ from rpctl.control.horizon.target import (
 )
 from rpctl.control.obstacles import Disc, HalfPlane
 from rpctl.reference.named import reference_by_name
-from tests.control.catalogue import robot_of
+from tests.catalogue import robot_of
 from tests.control.horizon.whole_qp import whole_qp
 from tests.control.tight_limits import limited
 from tests.differences import slopes

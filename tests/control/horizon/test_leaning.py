@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from functools import partial
 from itertools import product
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,10 +28,9 @@ from rpctl.control.unified import UnifiedKinematic
 from rpctl.errors import RpctlError, UnfitLawError
 from rpctl.reference.motion import Reference, ReferenceState
 from tests.grids import cells
-from tests.leaning import OWN, leaning
+from tests.leaning import COARSE, OWN, leaning
 
 PERIOD, SEED = 0.002, 7
-COARSE: dict[str, Any] = {"control_period": 0.005, "plant_step": 0.005, "collisions": False}
 UNBOUND = 1e6
 PATIENCE = 60.0  # s that a busy machine may take
 BETWEEN = 1.013  # s: no multiple of a step

@@ -175,6 +175,14 @@ def closed_loop(robot: Robot, folder: Path, count: int, told: Told) -> Logged:
     return Logged(path, commands)
 
 
+def compared(controller: Driven, samples: Logged, *parameters: str) -> list[float]:
+    """Drive a package along samples: it sends what was sent. Return what an update takes."""
+    found, costs = driven_along(controller, samples, *parameters)
+    largest = np.abs(samples.commands).max()
+    assert np.abs(found - samples.commands).max() <= EXACT * largest
+    return costs
+
+
 def say(what: str, costs: list[float]) -> None:
     """Print what an update takes; it allocates nothing."""
     *nanoseconds, allocations = costs
@@ -214,11 +222,8 @@ def test_it_sends_what_the_controller_sends(
     export_ros2_control(robot, package, LAW, period=PERIOD, output=output)
     samples = logged(robot, output, folder, count)
     assert len(samples.commands) > 0.9 * count
-    largest = np.abs(samples.commands).max()
     for flags in [FAST] if count == SHORT else [SANITIZED, FAST]:
-        controller = driven(robot, package, flags, "driver", PERIOD)
-        found, costs = driven_along(controller, samples)
-        assert np.abs(found - samples.commands).max() <= EXACT * largest
+        costs = compared(driven(robot, package, flags, "driver", PERIOD), samples)
     say(f"{name} {output}", costs)
 
 
@@ -231,6 +236,16 @@ KINDS = {
     "counted": Told(0.0, None),
     "gentle": Told(0.0, "measured", effort_rate=1.0),
 }
+
+
+TOLD_IN_CI = [
+    ("paper", "slow-and-late", SHORT),
+    ("paper", "unrated", SHORT),
+    ("car", "late-and-unrated", SHORT),
+    ("paper", "failing", SHORT),
+    ("paper", "counted", SHORT),
+    ("paper", "gentle", SHORT),
+]
 
 
 @pytest.fixture(scope="module")
@@ -251,25 +266,13 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Driven]:
     ("name", "kind", "count"),
     cells(
         [
+            *TOLD_IN_CI,
             ("paper", "late", SHORT),
-            ("paper", "slow-and-late", SHORT),
-            ("paper", "unrated", SHORT),
-            ("car", "late-and-unrated", SHORT),
-            ("paper", "failing", SHORT),
-            ("paper", "counted", SHORT),
-            ("paper", "gentle", SHORT),
             ("tiago", "late", COUNT),
             ("tiago", "late-and-unrated", COUNT),
             ("mecanum", "late-and-unrated", COUNT),
         ],
-        slow=[
-            ("paper", "slow-and-late", SHORT),
-            ("paper", "unrated", SHORT),
-            ("car", "late-and-unrated", SHORT),
-            ("paper", "failing", SHORT),
-            ("paper", "counted", SHORT),
-            ("paper", "gentle", SHORT),
-        ],
+        slow=TOLD_IN_CI,
     ),
 )
 def test_it_knows_lateness_and_rates_as_the_controller(
@@ -279,12 +282,10 @@ def test_it_knows_lateness_and_rates_as_the_controller(
     if kind == "counted":
         told = told._replace(measure=Counted(robot))
     samples = closed_loop(robot, folder, count, told)
-    largest = np.abs(samples.commands).max()
     parameters = [f"rates = {told.rates or 'automatic'}"]
     if told.effort_rate is not None:
         parameters.append(f"effort_rate {told.effort_rate}")
     for plain in [True] if count == SHORT else [False, True]:
         controller = built(name, told.period, told.delay, plain)
-        found, costs = driven_along(controller, samples, *parameters)
-        assert np.abs(found - samples.commands).max() <= EXACT * largest
+        costs = compared(controller, samples, *parameters)
     say(f"{name}, {kind}", costs)

@@ -133,7 +133,9 @@ LATE = ("balancer", 0.02), ("whipple", 0.02)
 
 @pytest.mark.parametrize(("name", "delay"), cells(product(OWN, (0.0, 0.02)), slow=LATE))
 def test_it_follows_an_eight_on_contact_late_and_pushed(name: str, delay: float) -> None:
-    figures = rpctl.summarize(pushed_on_an_eight(name, Plant(kind="contact", delay=delay)))
+    plant = Plant(kind="contact", delay=delay)
+    run = pushed_on_an_eight(name, plant, 3.0, duration=8.0, collisions=False)
+    figures = rpctl.summarize(run)
     assert figures.outcome != "fell", figures.outcome_sentence
     assert figures.final_base_error < 1.0
 
